@@ -1,0 +1,88 @@
+"""Roots that are differentiated through the equation they solve, not through the iteration that found them."""
+
+import functools as ft
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Float
+
+
+@ft.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def differentiable_root(residual: Callable, root: Float[Array, "..."], params: Any) -> Float[Array, "..."]:
+    """`root`, already found, of residual(root, params) = 0, with the derivatives of the implicit function theorem.
+
+        d root = -(d residual / d root)^-1 (d residual / d params) d params
+
+    `root` is a scalar or a vector of length one or three. Forward and reverse mode, any order and nesting, as far as
+    `residual` itself has them; the derivative with respect to the given `root`, the result of a guess, is zero.
+    `residual` closes over no traced value.
+    """
+    return root
+
+
+@ft.partial(differentiable_root.defjvp, symbolic_zeros=True)
+def _implicit_function_theorem(residual: Callable, primals: tuple, tangents: tuple) -> tuple:
+    found, params = primals
+    leaves, tree = jax.tree.flatten(params)
+    dleaves = jax.tree.leaves(tangents[1], is_leaf=lambda x: isinstance(x, SymbolicZero))
+    moving = [i for i, tangent in enumerate(dleaves) if not isinstance(tangent, SymbolicZero)]
+    root = differentiable_root(residual, found, params)  # not `found`: derivatives of this rule pass through here
+    if not moving:
+        return root, jnp.zeros_like(root)
+
+    def of_moving(values: list) -> Array:
+        given = dict(zip(moving, values, strict=True))
+        return residual(root, jax.tree.unflatten(tree, [given.get(i, leaf) for i, leaf in enumerate(leaves)]))
+
+    _, change = jax.jvp(of_moving, ([leaves[i] for i in moving],), ([dleaves[i] for i in moving],))
+    _, jacobian = value_and_jacobian(lambda x: residual(x, params), root)
+    return root, -solve_linear(jacobian, change)[0]
+
+
+def newton(residual: Callable, start: Array, params: Any, max_step: float = jnp.inf) -> Array:
+    """Newton's iteration for a scalar or three unknowns, with steps of at most `max_step` in each.
+
+    Stops after the first step below 1e-9, whose own error is the square of that, or after 30. Not differentiable:
+    hand its result to `differentiable_root`.
+    """
+
+    def improve(carry: tuple) -> tuple:
+        root, _, count = carry
+        defect, jacobian = value_and_jacobian(lambda x: residual(x, params), root)
+        step = solve_linear(jacobian, -defect)[0]
+        step = jnp.clip(step, -max_step, max_step)
+        return root + step, jnp.max(jnp.abs(step) / (1 + jnp.abs(root))), count + 1
+
+    def unfinished(carry: tuple) -> Array:
+        _, size, count = carry
+        return (size > 1e-9) & (count < 30)
+
+    return lax.while_loop(unfinished, improve, (start, jnp.inf, 0))[0]
+
+
+def value_and_jacobian(function: Callable, x: Array, has_aux: bool = False) -> tuple:
+    """`function(x)`, or (value, aux), and its Jacobian by forward mode; one unknown costs no batching."""
+
+    def along(direction: Array) -> tuple:
+        if has_aux:
+            value, slope, aux = jax.jvp(function, (x,), (direction,), has_aux=True)
+            return (value, aux), slope
+        return jax.jvp(function, (x,), (direction,))
+
+    if x.size == 1:
+        return along(jnp.ones_like(x))
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(x.size))
+
+
+def solve_linear(matrix: Float[Array, "..."], rhs: Float[Array, "..."]) -> tuple[Float[Array, "*n"], Float[Array, ""]]:
+    """Solution and determinant of a system of one or three unknowns, in closed form: no library call in a hot loop."""
+    if rhs.size == 1:
+        return rhs / matrix, matrix.reshape(())
+    a, b, c = matrix.T
+    bc = jnp.cross(b, c)
+    determinant = a @ bc
+    return jnp.stack([rhs @ bc, rhs @ jnp.cross(c, a), rhs @ jnp.cross(a, b)]) / determinant, determinant

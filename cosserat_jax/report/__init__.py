@@ -1,0 +1,1 @@
+"""Floor 5, show: xarray datasets and figures."""

@@ -1,0 +1,95 @@
+"""Parameter paths: `muscles.0.tension` names one parameter in Python, in TOML, on the command line and in datasets."""
+
+import dataclasses
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+
+from .parts import Scene
+from .quantity import Choice, Quantity, SceneError, declaration
+from .units import to_si
+
+
+def parameters(scene: Scene) -> dict[str, Any]:
+    """Every float leaf of `scene` by its path, in the order of the pytree's leaves."""
+    leaves = jax.tree_util.tree_leaves_with_path(scene)
+    return {".".join(_key_name(key) for key in keys): leaf for keys, leaf in leaves}
+
+
+def lookup(scene: Scene, path: str) -> tuple[Any, Quantity | Choice]:
+    """The value at `path` (None for one that is left out) and its declaration. Raises `SceneError` for no such path."""
+    part, rule = scene, None
+    for depth, key in enumerate(path.split(".")):
+        here = ".".join(path.split(".")[:depth])
+        if isinstance(rule, Quantity) and rule.components > 1 and isinstance(part, tuple):
+            part, rule = part[_index(part, key, path, here)], rule._replace(components=1)
+        elif isinstance(part, tuple):
+            part, rule = part[_index(part, key, path, here)], None
+        elif dataclasses.is_dataclass(part):
+            field = _field(part, key, path, here)
+            part, rule = getattr(part, key), declaration(field)
+        else:
+            reason = "this scene has none" if part is None and rule is None else "it has no parts"
+            raise SceneError(f"{path}: no such parameter; {here}: {reason}")
+    if rule is None:
+        raise SceneError(f"{path}: names a part, not a parameter")
+    return part, rule
+
+
+def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """`scene` with the parameters at these paths replaced; the scene itself is unchanged.
+
+    A value is a number or array in SI, a string with a unit ("20 N"), or for a choice the choice ("rigid").
+    Raises `SceneError` for a path that does not exist and for a value that is not allowed there.
+    """
+    parsed = {}
+    for path, value in values.items():
+        _, rule = lookup(scene, path)
+        parsed[path] = _parsed(value, rule, path) if isinstance(value, str) else value
+    return _replaced(scene, {tuple(path.split(".")): value for path, value in parsed.items()})
+
+
+def _parsed(text: str, rule: Quantity | Choice, path: str) -> Any:
+    if isinstance(rule, Choice):
+        return next((value for value in rule.values if str(value).lower() == text.strip().lower()), text)
+    if rule.components > 1:
+        raise SceneError(f"{path}: {text!r} is not allowed; name one component, {path}.0")
+    return to_si(text, rule.unit, path)
+
+
+def _replaced(part: Any, values: dict[tuple[str, ...], Any]) -> Any:
+    if () in values:
+        return values[()]
+    below: dict[str, dict[tuple[str, ...], Any]] = {}
+    for (key, *rest), value in values.items():
+        below.setdefault(key, {})[tuple(rest)] = value
+    if isinstance(part, tuple):
+        return tuple(_replaced(item, below[str(i)]) if str(i) in below else item for i, item in enumerate(part))
+    return dataclasses.replace(part, **{key: _replaced(getattr(part, key), sub) for key, sub in below.items()})
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """A hint for a word that is not known: the nearest known one, or all of them."""
+    close = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else "allowed: " + ", ".join(known)
+
+
+def _field(part: Any, key: str, path: str, here: str) -> dataclasses.Field:
+    fields = {field.name: field for field in dataclasses.fields(part)}
+    if key not in fields:
+        inside = f" in {here}" if here else ""
+        raise SceneError(f"{path}: no such parameter; no {key!r}{inside}; {nearest(key, list(fields))}")
+    return fields[key]
+
+
+def _index(items: tuple, key: str, path: str, here: str) -> int:
+    if not key.isdecimal() or int(key) >= len(items):
+        allowed = f"0 to {len(items) - 1}" if items else "none, the scene has no " + here
+        raise SceneError(f"{path}: no such parameter; {key!r} is not an index of {here}; allowed: {allowed}")
+    return int(key)
+
+
+def _key_name(key: Any) -> str:
+    return str(getattr(key, "name", getattr(key, "idx", key)))

@@ -1,0 +1,77 @@
+"""Reads quantities with units, by pint: "10 MPa", "0:20:0.5 N", "0.2, 0.4 m/s". Numbers come out in SI."""
+
+import functools as ft
+import re
+from typing import Any
+
+import numpy as np
+
+from .quantity import SceneError
+
+_LONGEST_RANGE = 1_000_000
+
+
+@ft.cache
+def _registry() -> Any:
+    import pint  # here, not above: importing the package must not cost what a unit parser costs
+
+    return pint.UnitRegistry()
+
+
+def to_si(value: Any, unit: str, where: str) -> float:
+    """`value`, a number in SI or a string with a unit, as a float in SI `unit`. Raises `SceneError` naming `where`."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise SceneError(f"{where}: {value!r} is not a quantity; allowed: a number in SI or a string like \"1 {unit}\"")
+    if not isinstance(value, str):
+        return float(value)
+    try:
+        return float(value)  # a bare number in quotes is SI, as it is without them
+    except ValueError:
+        return _convert(_parse(value, unit, where), value, unit, where)
+
+
+def range_to_si(text: str, unit: str, where: str) -> np.ndarray:
+    """The values of "START:STOP:STEP UNIT" (STOP included) or "V1, V2, ... UNIT" in SI `unit`, as floats of shape (n,)."""
+    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+    matched = re.fullmatch(rf"\s*({number}(?:\s*[:,]\s*{number})*)\s*(.*)", text, re.DOTALL)
+    if matched is None:
+        raise SceneError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
+    numbers, given_unit = matched.groups()
+    if ":" not in numbers:
+        values = np.array([float(x) for x in numbers.split(",")])
+    elif "," in numbers or numbers.count(":") != 2:
+        raise SceneError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
+    else:
+        values = _stepped(*(float(x) for x in numbers.split(":")), text, where)
+    scale, offset = 1.0, 0.0
+    if given_unit.strip():
+        offset = to_si(f"0 {given_unit}", unit, where)
+        scale = to_si(f"1 {given_unit}", unit, where) - offset
+    return values * scale + offset
+
+
+def _stepped(start: float, stop: float, step: float, text: str, where: str) -> np.ndarray:
+    if step == 0 or (stop - start) / step < 0:
+        raise SceneError(f"{where}: {text!r} never reaches its end; allowed: a step that leads from START to STOP")
+    count = int(np.floor((stop - start) / step * (1 + 1e-12) + 1e-9)) + 1
+    if count > _LONGEST_RANGE:
+        raise SceneError(f"{where}: {text!r} has {count} values; allowed: at most {_LONGEST_RANGE}")
+    return start + step * np.arange(count)
+
+
+def _parse(text: str, unit: str, where: str) -> Any:
+    if not re.match(r"\s*[-+]?(\d|\.\d|inf|nan)", text):
+        raise SceneError(f"{where}: {text!r} is not a quantity in {unit}; allowed: a number and a unit")
+    try:
+        return _registry().Quantity(text)
+    except Exception as error:  # pint raises a dozen kinds, from its tokenizer's to its own
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise SceneError(f"{where}: {text!r} is not a quantity in {unit} ({reason})") from None
+
+
+def _convert(quantity: Any, text: str, unit: str, where: str) -> float:
+    try:
+        return float(quantity.to("dimensionless" if unit == "1" else unit).magnitude)
+    except Exception:  # a wrong dimension, or a magnitude that is no number
+        kind = "a number without a unit" if unit == "1" else f"a quantity in {unit}"
+        raise SceneError(f"{where}: {text!r} has the wrong unit; allowed: {kind}") from None

@@ -1,0 +1,21 @@
+"""What came of a solve, as data: a rod in a batch carries its own."""
+
+import equinox as eqx
+
+
+class Outcome(eqx.Enumeration):
+    """Each member is a sentence that a user can act on; `Outcome[member]` is that sentence."""
+
+    converged = "converged to the equilibrium that proportional loading reaches"
+    volume_constraint_folded = (
+        "the volume constraint has folded: at this load a cross-section has no in-plane stretch that keeps its volume; "
+        "lower the load, stiffen the arm, or use cross_section = 'rigid'"
+    )
+    limit_point = (
+        "equilibrium is lost at a limit point before the full load is reached: the arm would snap; lower the load"
+    )
+    integration_failed = (
+        "the integration along the arm did not finish; raise max_steps, loosen rtol and atol, or lower the load"
+    )
+    iterations_exhausted = "the iterations are used up before the full load is reached; raise max_iterations"
+    bad_input = "a parameter is NaN, infinite or out of its range; check the scene"

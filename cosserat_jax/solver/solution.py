@@ -1,0 +1,80 @@
+"""What a solve gives back."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .outcome import Outcome
+
+
+class Pose(eqx.Module):
+    """Place [m] and angle theta [rad] of a cross-section."""
+
+    x: Float[Array, "..."]
+    y: Float[Array, "..."]
+    theta: Float[Array, "..."]
+
+
+class SectionStrains(eqx.Module):
+    """Stretch nu, shear eta, curvature mu [1/m] and in-plane stretch beta of a cross-section."""
+
+    nu: Float[Array, "..."]
+    eta: Float[Array, "..."]
+    mu: Float[Array, "..."]
+    beta: Float[Array, "..."]
+
+
+class Fields(eqx.Module):
+    """The equilibrium along the arm, at arc lengths `s` [m] of the undeformed centerline from the base to the tip.
+
+    `x`, `y` [m], `theta` [rad], the strains `nu`, `eta`, `mu` [1/m], `beta`, and the paper's tractions
+    N = c E (nu - 1) [Pa], H = c G eta [Pa] and bending moment M = c E mu [Pa/m], the internal force and moment of the
+    section over its deformed A and J (paper, Eqs. BulkContactForceFcConstitutive, BulkContactMomentMcConstitutive).
+    `force_x`, `force_y` [N] and `moment` [N m] are the totals that the section and the muscles through it carry together;
+    at s = 0 they are what the clamp holds. At the end of a muscle the strains are those of the side of the base.
+    """
+
+    s: Float[Array, "... points"]
+    x: Float[Array, "... points"]
+    y: Float[Array, "... points"]
+    theta: Float[Array, "... points"]
+    nu: Float[Array, "... points"]
+    eta: Float[Array, "... points"]
+    mu: Float[Array, "... points"]
+    beta: Float[Array, "... points"]
+    N: Float[Array, "... points"]
+    H: Float[Array, "... points"]
+    M: Float[Array, "... points"]
+    force_x: Float[Array, "... points"]
+    force_y: Float[Array, "... points"]
+    moment: Float[Array, "... points"]
+
+
+class Solution(eqx.Module):
+    """The equilibrium of a scene and what it took to find it; every array has leading axes where the scene was batched.
+
+    - `tip` [m, m, rad], `tip_strain`, `fields` over s: NaN for a rod that has no solution.
+    - `outcome`: an `Outcome`; `Outcome[solution.outcome]` is its sentence.
+    - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm.
+    - `iterations`: integrations with their Jacobian, over all load steps. `steps`: of the last integration.
+    - `load_fraction`: the part of the load up to which the equilibrium was followed; 1 where converged.
+    """
+
+    tip: Pose
+    tip_strain: SectionStrains
+    fields: Fields
+    outcome: Outcome
+    residual: Float[Array, "..."]
+    iterations: Int[Array, "..."]
+    steps: Int[Array, "..."]
+    load_fraction: Float[Array, "..."]
+
+    @property
+    def converged(self) -> Bool[Array, "..."]:
+        """Whether the equilibrium was found."""
+        return self.outcome == Outcome.converged
+
+    @property
+    def tilt(self) -> Float[Array, "..."]:
+        """alpha - theta at the tip [rad]: the angle from the cross-section's director a to the centerline's tangent."""
+        return jnp.arctan2(self.tip_strain.eta, self.tip_strain.nu)

@@ -1,0 +1,101 @@
+"""`solve`: the one entry point from a scene to its equilibrium."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..physics.rod import Rod, derivative
+from ..physics.section import stiffness_at
+from ..scene import Scene
+from .integrate import Shot, shoot
+from .method import Shooting
+from .outcome import Outcome
+from .shooting import Found, find_tip_pose
+from .solution import Fields, Pose, SectionStrains, Solution
+
+_ACCEPTED_RESIDUAL = 1e-7
+
+
+class SolveError(RuntimeError):
+    """A rod has no solution; the message says why and what to do."""
+
+
+def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -> Solution:
+    """The static equilibrium of `scene` that raising all its loads in proportion from zero leads to.
+
+    Works under `jax.jit`, `vmap`, `grad`, `jacfwd` and any nesting of them; derivatives with respect to every float of
+    the scene are those of the implicit function theorem. `method` is a `Shooting`, by default `Shooting()`.
+
+    Raises `SolveError` with the outcome's sentence if the rod has no solution, unless `throw` is False. While JAX is
+    tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution.
+    Raises `RuntimeError` if double precision is off.
+    """
+    if not jax.config.jax_enable_x64:
+        raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
+    floats = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
+    solution = _solve(floats, Shooting() if method is None else method)
+    outcome = solution.outcome._value
+    if throw and not isinstance(outcome, jax.core.Tracer) and not solution.converged.all():
+        raise SolveError(f"{Outcome[solution.outcome]} (reached {float(solution.load_fraction):.3g} of the load)")
+    return solution
+
+
+@eqx.filter_jit
+def _solve(scene: Scene, method: Shooting) -> Solution:
+    found = find_tip_pose(scene, method)
+    rod = Rod.of(scene)
+    points = jnp.linspace(0.0, scene.arm.length, method.points)
+    shot = shoot(rod, found.tip_pose, method, diffrax.DirectAdjoint(), points)
+    return _solution(rod, found, shot, points)
+
+
+def _solution(rod: Rod, found: Found, shot: Shot, points: Float[Array, " points"]) -> Solution:
+    arm = rod.arm
+    theta_error = shot.base.theta - arm.base_angle
+    x_error, y_error = shot.base.x / arm.length, shot.base.y / arm.length
+    errors = jnp.abs(jnp.stack([theta_error, x_error, y_error] if rod.depends_on_position else [theta_error]))
+    residual = jnp.max(errors)
+    ended = found.outcome == Outcome.converged
+    outcome = Outcome.where(
+        ended & ~(shot.finished & (residual < _ACCEPTED_RESIDUAL)), Outcome.integration_failed, found.outcome
+    )
+    valid = jnp.where(outcome == Outcome.converged, 1.0, jnp.nan)
+    fields = _fields(rod, shot, points)
+    fields = jax.tree.map(lambda leaf: leaf * valid, fields)
+    tip = jax.tree.map(lambda leaf: leaf[-1], fields)
+    return Solution(
+        tip=Pose(tip.x, tip.y, tip.theta),
+        tip_strain=SectionStrains(tip.nu, tip.eta, tip.mu, tip.beta),
+        fields=fields,
+        outcome=outcome,
+        residual=residual,
+        iterations=found.iterations,
+        steps=shot.steps,
+        load_fraction=found.load_fraction,
+    )
+
+
+def _fields(rod: Rod, shot: Shot, points: Float[Array, " points"]) -> Fields:
+    saved = shot.saved
+    section = jax.vmap(lambda s, state: derivative(rod, s, state, s)[1])(points, saved)
+    beta = jnp.broadcast_to(section.beta, points.shape)
+    stiffness = stiffness_at(rod.arm, points, beta)
+    area = jnp.pi * (beta * section.radius) ** 2
+    return Fields(
+        s=points,
+        x=saved.x - shot.base.x,
+        y=saved.y - shot.base.y,
+        theta=saved.theta,
+        nu=section.nu,
+        eta=section.eta,
+        mu=section.mu,
+        beta=beta,
+        N=stiffness.axial / area * (section.nu - 1),
+        H=stiffness.shear / area * section.eta,
+        M=stiffness.bending / (area * area / (4 * jnp.pi)) * section.mu,
+        force_x=saved.force_x,
+        force_y=saved.force_y,
+        moment=saved.moment,
+    )

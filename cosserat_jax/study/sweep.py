@@ -1,0 +1,128 @@
+"""`sweep`: many load cases at once, a product grid of parameters solved in one compiled batch."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
+from ..solver import Shooting, Solution, solve
+from .checkpoint import Checkpoint
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """The equilibria over a grid: `over` holds the values of each swept path, in the order of the grid's axes.
+
+    Every array of `solution` is a NumPy array with the grid's axes in front; each rod has its own outcome, and one that
+    has no solution is NaN and leaves no trace in its neighbours.
+    """
+
+    scene: Scene
+    over: dict[str, np.ndarray]
+    method: Shooting
+    solution: Solution
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A dataset with one dimension per swept path, named by it, and units and long names on every variable."""
+        from ..report.dataset import sweep_dataset
+
+        return sweep_dataset(self)
+
+
+def sweep(
+    scene: Scene,
+    over: Mapping[str, ArrayLike],
+    method: Shooting | None = None,
+    *,
+    batch: int = 1024,
+    progress: bool = False,
+    checkpoint: str | os.PathLike[str] | None = None,
+) -> Sweep:
+    """Solves `scene` for every combination of the values in `over`, {path: 1-D values in SI}, the first path outermost.
+
+    Rods are solved `batch` at a time by one compiled program. `progress` shows a bar on a terminal. With `checkpoint`,
+    a folder, every batch is kept as it ends, and the same sweep started again takes up where it was stopped, to the
+    same bits; the folder is removed at the end. Raises `SceneError` for a path or a value that is not allowed. A rod
+    that has no solution does not raise: see `Sweep.solution.outcome`.
+    """
+    grid = {path: _values(scene, path, values) for path, values in over.items()}
+    if not grid:
+        raise SceneError("sweep: nothing to sweep over; allowed: {path: values}")
+    if batch < 1:
+        raise SceneError(f"batch: {batch} is not allowed; allowed: at least 1")
+    method = Shooting() if method is None else method
+    mesh = np.meshgrid(*grid.values(), indexing="ij")
+    rods = {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)}
+    replace(scene, rods)  # every rod of the grid is checked before the first is solved
+
+    shape = mesh[0].shape
+    count = math.prod(shape)
+    size = min(batch, count)
+    # a short last batch is filled up with its last rod, so that one compiled program serves all
+    rows = [np.minimum(np.arange(start, start + size), count - 1) for start in range(0, count, size)]
+    batches = [{path: jnp.asarray(axis[chosen]) for path, axis in rods.items()} for chosen in rows]
+    store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, size))
+    chunks = [_solved(scene, one, method, store, i) for i, one in enumerate(_shown(batches, progress))]
+    leaves = [np.concatenate(parts)[:count] for parts in zip(*chunks, strict=True)]
+    tree = jax.tree.structure(eqx.filter_eval_shape(_solve_batch, scene, batches[0], method))
+    solution = jax.tree.unflatten(tree, [leaf.reshape(shape + leaf.shape[1:]) for leaf in leaves])
+    if store is not None:
+        store.remove()
+    return Sweep(scene, grid, method, solution)
+
+
+@eqx.filter_jit
+def _solve_batch(scene: Scene, values: dict[str, jax.Array], method: Shooting) -> Solution:
+    return jax.vmap(lambda one: solve(replace(scene, one), method, throw=False))(values)
+
+
+def _solved(
+    scene: Scene, values: dict[str, jax.Array], method: Shooting, store: Checkpoint | None, index: int
+) -> list[np.ndarray]:
+    """The leaves of one batch's solutions, taken from the checkpoint where it has them."""
+    leaves = None if store is None else store.load(index)
+    if leaves is None:
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(_solve_batch(scene, values, method))]
+        if store is not None:
+            store.save(index, leaves)
+    return leaves
+
+
+def _values(scene: Scene, path: str, values: ArrayLike) -> np.ndarray:
+    _, rule = lookup(scene, path)
+    if not isinstance(rule, Quantity) or rule.components > 1:
+        raise SceneError(f"{path}: cannot be swept; allowed: a parameter that is one number")
+    array = np.asarray(values, dtype=float)
+    if array.ndim != 1 or array.size == 0:
+        raise SceneError(f"{path}: values of shape {array.shape} cannot be swept; allowed: one axis, not empty")
+    return array
+
+
+def _shown(batches: list, progress: bool) -> Iterable:
+    if not progress:
+        return batches
+    from tqdm import tqdm
+
+    return tqdm(batches, unit="batch", disable=None)  # None: no bar where the output is no terminal
+
+
+def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Shooting, size: int) -> str:
+    """What a kept batch must have been solved for: the same scene, grid, method and batch, by the same versions."""
+    from .. import __version__
+
+    parts: list[Any] = [dumps(scene), {path: values.tolist() for path, values in grid.items()}, repr(method), size]
+    return hashlib.sha256(json.dumps([*parts, __version__, jax.__version__]).encode()).hexdigest()
