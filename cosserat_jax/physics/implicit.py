@@ -81,7 +81,7 @@ def value_and_jacobian(function: Callable, x: Array, has_aux: bool = False) -> t
 def solve_linear(matrix: Float[Array, "..."], rhs: Float[Array, "..."]) -> tuple[Float[Array, "*n"], Float[Array, ""]]:
     """Solution and determinant of a system of one or three unknowns, in closed form: no library call in a hot loop."""
     if rhs.size == 1:
-        return rhs / matrix, matrix.reshape(())
+        return rhs / matrix.reshape(rhs.shape), matrix.reshape(())
     a, b, c = matrix.T
     bc = jnp.cross(b, c)
     determinant = a @ bc

@@ -61,7 +61,8 @@ class Rod(eqx.Module):
             loads.append(Flow(scene.water))
         if scene.gravity is not None:
             displaced = 0.0 if scene.water is None else scene.water.density
-            loads.append(Weight(scene.arm.density - displaced, scene.gravity.acceleration))
+            excess = scene.arm.density - displaced
+            loads.append(Weight(excess, scene.gravity.acceleration, follows_strain=scene.arm.stiffness is None))
         return cls(scene.arm, scene.muscles, tuple(loads), scene.tip, load_fraction)
 
     @property

@@ -30,7 +30,8 @@ from .validate import validate
 class SectionStiffness(eqx.Module):
     """Stiffnesses of the section given directly, constant along the rod: EA [N], GA [N], EI [N m^2].
 
-    For the classic benchmark rods. An infinite axial or shear stiffness is an inextensible or unshearable rod.
+    For the classic benchmark rods. An infinite axial or shear stiffness is an inextensible or unshearable rod. The
+    weight of such a rod is that of its undeformed length.
     """
 
     axial: Scalar = quantity("N", POSITIVE_OR_INFINITE)

@@ -32,7 +32,6 @@ def shoot(
     rod: Rod,
     tip_pose: Float[Array, " unknowns"],
     method: Shooting,
-    adjoint: diffrax.AbstractAdjoint,
     points: Float[Array, " points"] | None = None,
 ) -> Shot:
     """Integrates from the tip at `tip_pose`, (theta,) or (theta, x / L, y / L), to the base.
@@ -69,7 +68,7 @@ def shoot(
             y0=jax.tree.map(jnp.divide, state, scale),
             saveat=saveat,
             stepsize_controller=method.controller,
-            adjoint=adjoint,
+            adjoint=diffrax.ForwardMode(),  # reverse mode goes through `at_root`, by forward mode
             max_steps=max_steps,
             throw=False,
         )

@@ -5,6 +5,7 @@ import equinox as eqx
 
 
 _SMALLEST_STEP = 1e-6  # of a segment: shorter steps are taken only where the section law has no solution
+_LONGEST_STEP = 0.1  # of a segment: longer ones would leave the fields between two steps less accurate than the tip
 
 
 class Shooting(eqx.Module):
@@ -22,8 +23,8 @@ class Shooting(eqx.Module):
     """
 
     solver: diffrax.AbstractSolver = diffrax.Dopri8()
-    rtol: float = eqx.field(static=True, default=1e-8)
-    atol: float = eqx.field(static=True, default=1e-8)
+    rtol: float = eqx.field(static=True, default=1e-9)
+    atol: float = eqx.field(static=True, default=1e-9)
     steps: int | None = eqx.field(static=True, default=None)
     max_steps: int = eqx.field(static=True, default=4096)
     newton_tol: float = eqx.field(static=True, default=1e-6)
@@ -36,4 +37,6 @@ class Shooting(eqx.Module):
         """The step-size controller that these tolerances ask for."""
         if self.steps is not None:
             return diffrax.ConstantStepSize()
-        return diffrax.PIDController(rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP)
+        return diffrax.PIDController(
+            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=_LONGEST_STEP
+        )

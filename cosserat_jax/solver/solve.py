@@ -1,6 +1,5 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,10 +8,11 @@ from jaxtyping import Array, Float
 from ..physics.rod import Rod, derivative
 from ..physics.section import stiffness_at
 from ..scene import Scene
+from .equilibrium import at_root
 from .integrate import Shot, shoot
 from .method import Shooting
 from .outcome import Outcome
-from .shooting import Found, find_tip_pose
+from .shooting import base_error, find_tip_pose
 from .solution import Fields, Pose, SectionStrains, Solution
 
 _ACCEPTED_RESIDUAL = 1e-7
@@ -45,26 +45,24 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
 @eqx.filter_jit
 def _solve(scene: Scene, method: Shooting) -> Solution:
     found = find_tip_pose(scene, method)
-    rod = Rod.of(scene)
-    points = jnp.linspace(0.0, scene.arm.length, method.points)
-    shot = shoot(rod, found.tip_pose, method, diffrax.DirectAdjoint(), points)
-    return _solution(rod, found, shot, points)
+    params, tree = jax.tree.flatten(scene)
 
+    def at_pose(tip_pose: Array, params: list) -> tuple[Array, tuple]:
+        scene = jax.tree.unflatten(tree, params)
+        rod = Rod.of(scene)
+        points = jnp.linspace(0.0, scene.arm.length, method.points)
+        shot = shoot(rod, tip_pose, method, points)
+        error = base_error(rod, shot)
+        return error, (_fields(rod, shot, points), error, shot.steps.astype(float), shot.finished.astype(float))
 
-def _solution(rod: Rod, found: Found, shot: Shot, points: Float[Array, " points"]) -> Solution:
-    arm = rod.arm
-    theta_error = shot.base.theta - arm.base_angle
-    x_error, y_error = shot.base.x / arm.length, shot.base.y / arm.length
-    errors = jnp.abs(jnp.stack([theta_error, x_error, y_error] if rod.depends_on_position else [theta_error]))
-    residual = jnp.max(errors)
-    ended = found.outcome == Outcome.converged
-    outcome = Outcome.where(
-        ended & ~(shot.finished & (residual < _ACCEPTED_RESIDUAL)), Outcome.integration_failed, found.outcome
-    )
+    fields, error, steps, finished = at_root(at_pose, found.tip_pose, params)
+    residual = jnp.max(jnp.abs(error))
+    came_through = Outcome.where(residual < _ACCEPTED_RESIDUAL, Outcome.converged, Outcome.ill_conditioned)
+    came_through = Outcome.where(finished == 1, came_through, Outcome.integration_failed)
+    outcome = Outcome.where(found.outcome == Outcome.converged, came_through, found.outcome)
     valid = jnp.where(outcome == Outcome.converged, 1.0, jnp.nan)
-    fields = _fields(rod, shot, points)
-    fields = jax.tree.map(lambda leaf: leaf * valid, fields)
-    tip = jax.tree.map(lambda leaf: leaf[-1], fields)
+    fields = jax.tree.map(lambda field: field * valid, fields)
+    tip = jax.tree.map(lambda field: field[-1], fields)
     return Solution(
         tip=Pose(tip.x, tip.y, tip.theta),
         tip_strain=SectionStrains(tip.nu, tip.eta, tip.mu, tip.beta),
@@ -72,7 +70,7 @@ def _solution(rod: Rod, found: Found, shot: Shot, points: Float[Array, " points"
         outcome=outcome,
         residual=residual,
         iterations=found.iterations,
-        steps=shot.steps,
+        steps=steps.astype(int),
         load_fraction=found.load_fraction,
     )
 
