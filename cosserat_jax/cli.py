@@ -16,18 +16,8 @@ import click
 import numpy as np
 
 from . import __version__
-from .report.writing import (
-    OutputError,
-    batches_place,
-    figure_place,
-    json_line,
-    output_place,
-    save_figure,
-    solution_text,
-    sweep_summary,
-    sweep_table,
-    written_whole,
-)
+from .report.text import json_line, solution_text, sweep_summary, sweep_table
+from .report.writing import OutputError, batches_place, figure_place, output_place, save_figure, written_whole
 from .scene import Scene, SceneError, SceneFile, presets, read, replace, sweep_values
 from .scene.paths import nearest
 from .solver import solve
@@ -197,6 +187,8 @@ def _sweep(
         from .report.figures import sweep_figure
 
         save_figure(sweep_figure(swept), figure)
+    if kept is not None:
+        shutil.rmtree(kept, ignore_errors=True)
     if data is None and figure is None:
         click.echo(sweep_table(swept))
     click.echo(sweep_summary(file.name, swept, time.perf_counter() - start))

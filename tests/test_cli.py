@@ -256,6 +256,18 @@ def test_a_stopped_sweep_resumes_to_the_same_bits(run: Run, tmp_path: Path) -> N
             assert resumed[name].values.tobytes() == whole[name].values.tobytes(), name
 
 
+def test_a_sweep_of_one_batch_keeps_nothing_when_it_is_stopped(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cosserat_jax.cli.sweep", stopped)
+    ran = run("sweep", "octopus", "--out", "a.nc")
+    assert ran == Ran(130, "", "cosserat-jax: stopped; nothing was written\n")
+    assert os.listdir(tmp_path) == []
+
+
 def test_without_resume_a_stopped_sweep_starts_over(run: Run, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         stop_at_save(patch, 1)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 
 from ..scene import dumps, lookup
-from ..solver import Outcome
+from ..solver import outcome_codes
 
 if TYPE_CHECKING:
     from ..study import Sweep
@@ -78,15 +78,13 @@ def _variable(dims: tuple[str, ...], values: Any, unit: str, meaning: str) -> tu
 
 
 def _outcome_variable(dims: tuple[str, ...], outcome: Any) -> tuple:
-    names = [name for name in vars(Outcome) if not name.startswith("_")]
     (codes,) = jax.tree.leaves(outcome)
-    known = {name: int(jax.tree.leaves(getattr(Outcome, name))[0]) for name in names}
-    order = sorted(known, key=known.__getitem__)
+    known = outcome_codes()
     attributes = {
         "units": "1",
         "long_name": "what came of the rod",
-        "flag_values": np.array([known[name] for name in order], np.int8),
-        "flag_meanings": " ".join(order),
+        "flag_values": np.array(list(known.values()), np.int8),
+        "flag_meanings": " ".join(known),
     }
     return dims, np.asarray(codes, np.int8), attributes
 

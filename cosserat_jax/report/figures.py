@@ -72,15 +72,15 @@ def sweep_figure(swept: "Sweep") -> Figure:
     heights = [row] * (count // 2 - 1) + [max(row, _CURVES + _LABELS)]
     figure = Figure(figsize=(_WIDTH, sum(heights) + _LEGEND + _footer_height(layout)))
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-    panels = iter([figure.add_subplot(grid[i // 2, i % 2]) for i in range(count)])
-    coloured = [next(panels) for _ in arms]
+    panels = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(count)]
+    coloured, compared, curves = panels[: len(arms)], panels[len(arms)], panels[len(arms) + 1 :]
     _draw_cases(coloured, layout, arms, frame)
-    draw_arms(next(panels), _at_largest(layout), frame, layout.largest, inside=False)
-    for axes, what in zip(panels, ("height", "theta"), strict=False):
+    draw_arms(compared, _at_largest(layout), frame, layout.largest, inside=False)
+    for axes, what in zip(curves, ("height", "theta"), strict=False):
         draw_tips(axes, layout, what)
     _colour_bar(figure, layout, coloured)
     _explain(figure, _flat(arms))
-    _footer(figure, axes.lines, layout.note)
+    _footer(figure, list(curves[0].lines), layout.note)
     return figure
 
 
@@ -127,13 +127,13 @@ def solve_figure(scenes: Mapping[str, Scene], solutions: Mapping[str, Solution])
         axes = figure.add_subplot(grid[i // 2, i % 2] if columns == 2 else grid[0, :])
         draw_arms(axes, [rod], frame, rod.style["label"])
         draw_directors(axes, rod.scene.arm, rod.fields, frame.factor, at=0, scale=0.65)
-    for i, what in enumerate(("N", "H", "M", "beta")):
-        axes = figure.add_subplot(grid[first + i // 2, i % 2])
+    curves = [figure.add_subplot(grid[first + i // 2, i % 2]) for i in range(4)]
+    for axes, what in zip(curves, ("N", "H", "M", "beta"), strict=True):
         draw_along(axes, rods, what)
     failed = [name for name in scenes if name not in names]
     note = f"no solution, left out: {', '.join(failed)} ({len(failed)} of {len(scenes)})" if failed else ""
     _explain(figure, rods)
-    _footer(figure, axes.lines if columns == 2 else [], note)
+    _footer(figure, list(curves[0].lines) if columns == 2 else [], note)
     return figure
 
 
@@ -144,7 +144,7 @@ def arms_over_tension(swept: "Sweep") -> Figure:
     arms = [_coloured(layout, case) for case in layout.cases]
     frame = Frame.around(_flat(arms), _WIDE)
     figure = Figure(figsize=(_WIDTH, len(arms) * (frame.height + _LABELS) + _LEGEND))
-    panels = figure.subplots(len(arms), 1, squeeze=False)[:, 0]
+    panels = list(figure.subplots(len(arms), 1, squeeze=False)[:, 0])
     _draw_cases(panels, layout, arms, frame)
     _colour_bar(figure, layout, panels)
     _explain(figure, _flat(arms))
@@ -164,7 +164,7 @@ def velocities_compared(swept: "Sweep") -> Figure:
     for rod in rods:
         height = f"tip at {float(rod.fields.y[-1]) * frame.factor:.2f} {frame.unit}"
         label = ": ".join(filter(None, (rod.style["label"], height)))
-        handles.append(Line2D([], [], **rod.style | {"marker": "", "label": label}))
+        handles.append(Line2D([], [], color=rod.style["color"], linestyle=rod.style["linestyle"], label=label))
     _explain(figure, [])
     _footer(figure, handles, layout.note)
     return figure
@@ -175,10 +175,10 @@ def tip_angles(swept: "Sweep") -> Figure:
     """Tilt alpha - theta and angle theta of the tip's section over the colour's values, a line for each case."""
     layout = Layout.of(swept)
     figure = Figure(figsize=(_WIDTH, _CURVES + 2 * _LABELS + _footer_height(layout)))
-    panels = figure.subplots(1, 2)
+    panels = list(figure.subplots(1, 2))
     for axes, what in zip(panels, ("tilt", "theta"), strict=True):
         draw_tips(axes, layout, what)
-    _footer(figure, panels[0].lines if len(layout.cases) > 1 else [], layout.note)
+    _footer(figure, list(panels[0].lines) if len(layout.cases) > 1 else [], layout.note)
     return figure
 
 
@@ -197,7 +197,7 @@ def tractions_along(swept: "Sweep", case: int = 0) -> Figure:
 def _curves_along(layout: Layout, case: int, names: Sequence[str]) -> Figure:
     rods = _coloured(layout, layout.cases[case])
     figure = Figure(figsize=(_WIDTH, _CURVES + 2 * _LABELS))
-    panels = figure.subplots(1, len(names))
+    panels = list(figure.subplots(1, len(names)))
     for axes, what in zip(panels, names, strict=True):
         draw_along(axes, rods, what)
     panels[0].set_title(layout.cases[case].name)

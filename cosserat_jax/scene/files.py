@@ -65,12 +65,11 @@ def _text(source: str) -> str:
     if source in presets():
         return (resources.files(__package__) / "presets" / f"{source}.toml").read_text(encoding="utf-8")
     path = Path(source)
-    if not path.suffix and not path.exists():
-        raise SceneError(f"no such preset or file; {nearest(source, list(presets()))}")
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise SceneError("no such file") from None
+        hint = "" if path.suffix else f" or preset; {nearest(source, list(presets()))}"
+        raise SceneError(f"no such file{hint}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"cannot be read: {getattr(error, 'strerror', None) or 'not a text file'}") from None
 

@@ -85,7 +85,7 @@ def _field(part: Any, key: str, path: str, here: str) -> dataclasses.Field:
 
 
 def _index(items: tuple, key: str, path: str, here: str) -> int:
-    if not key.isdecimal() or int(key) >= len(items):
+    if key not in map(str, range(len(items))):
         allowed = f"0 to {len(items) - 1}" if items else "none, the scene has no " + here
         raise SceneError(f"{path}: no such parameter; {key!r} is not an index of {here}; allowed: {allowed}")
     return int(key)

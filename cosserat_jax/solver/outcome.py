@@ -23,3 +23,8 @@ class Outcome(eqx.Enumeration):
     )
     iterations_exhausted = "the iterations are used up before the full load is reached; raise max_iterations"
     bad_input = "a parameter is NaN, infinite or out of its range; check the scene"
+
+
+def outcome_codes() -> dict[str, int]:
+    """The members of `Outcome` by name, each with the integer that stands for it in an array."""
+    return {name: int(item._value) for name, item in Outcome._name_to_item.items()}

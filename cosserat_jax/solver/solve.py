@@ -60,8 +60,7 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
     came_through = Outcome.where(residual < _ACCEPTED_RESIDUAL, Outcome.converged, Outcome.ill_conditioned)
     came_through = Outcome.where(finished == 1, came_through, Outcome.integration_failed)
     outcome = Outcome.where(found.outcome == Outcome.converged, came_through, found.outcome)
-    valid = jnp.where(outcome == Outcome.converged, 1.0, jnp.nan)
-    fields = jax.tree.map(lambda field: field * valid, fields)
+    fields = jax.tree.map(lambda field: jnp.where(outcome == Outcome.converged, field, jnp.nan), fields)
     tip = jax.tree.map(lambda field: field[-1], fields)
     return Solution(
         tip=Pose(tip.x, tip.y, tip.theta),

@@ -1,26 +1,31 @@
 """Batches of a long sweep, kept on disk until all of them are done."""
 
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
+
+from ..scene import SceneError
 
 
 class Checkpoint:
     """A folder with one file per finished batch, and the identity of the sweep they belong to.
 
-    A folder that holds another sweep's batches is emptied first. A file is written beside its place and moved in
-    whole, so a sweep that is stopped leaves no half batch.
+    Raises `SceneError` for a folder that holds anything else. A file is written beside its place and moved in whole, so
+    a sweep that is stopped leaves no half batch.
     """
 
     def __init__(self, folder: Path, identity: str) -> None:
         self.folder = folder
         name = folder / "identity"
-        if folder.exists() and not (name.exists() and name.read_text() == identity):
-            shutil.rmtree(folder)
+        if name.is_file() and name.read_text() == identity:
+            return
+        if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+            raise SceneError(f"{folder}: holds something other than this sweep's batches; remove it or name another folder")
         folder.mkdir(parents=True, exist_ok=True)
-        name.write_text(identity)
+        beside = folder / "unfinished"
+        beside.write_text(identity)
+        os.replace(beside, name)
 
     def load(self, index: int) -> list[np.ndarray] | None:
         """The arrays of batch `index`, or None if it is not there."""
@@ -35,10 +40,6 @@ class Checkpoint:
         beside = self.folder / "unfinished.npz"
         np.savez(beside, *arrays)
         os.replace(beside, self._path(index))
-
-    def remove(self) -> None:
-        """Removes the folder: the sweep is done."""
-        shutil.rmtree(self.folder)
 
     def _path(self, index: int) -> Path:
         return self.folder / f"batch-{index:06d}.npz"

@@ -56,7 +56,7 @@ def sweep(
 
     Rods are solved `batch` at a time by one compiled program. `progress` shows a bar on a terminal. With `checkpoint`,
     a folder, every batch is kept as it ends, and the same sweep started again takes up where it was stopped, to the
-    same bits; the folder is removed at the end. Raises `SceneError` for a path or a value that is not allowed. A rod
+    same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or a value that is not allowed. A rod
     that has no solution does not raise: see `Sweep.solution.outcome`.
     """
     grid = {path: _values(scene, path, values) for path, values in over.items()}
@@ -80,8 +80,6 @@ def sweep(
     leaves = [np.concatenate(parts)[:count] for parts in zip(*chunks, strict=True)]
     tree = jax.tree.structure(eqx.filter_eval_shape(_solve_batch, scene, batches[0], method))
     solution = jax.tree.unflatten(tree, [leaf.reshape(shape + leaf.shape[1:]) for leaf in leaves])
-    if store is not None:
-        store.remove()
     return Sweep(scene, grid, method, solution)
 
 

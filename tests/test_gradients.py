@@ -1,0 +1,111 @@
+"""Derivatives of the equilibrium: every float of a scene, both modes, against differences and against each other."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from cosserat_jax import Gravity, Muscle, Scene, Shooting, Tip, load, parameters, replace, solve
+
+METHOD = Shooting(points=3, rtol=1e-11, atol=1e-11)  # differences see the integrator's tolerance
+OCTOPUS = load("octopus")
+FULL = Scene(  # every kind of float leaf that a printed, volume-preserving scene can have
+    arm=replace(OCTOPUS, {"arm.poisson_ratio": 0.45, "arm.base_angle": 0.1}).arm,
+    muscles=(
+        Muscle(base_offset=0.011, end_offset=0.006, tension=9.0, end=0.2),
+        Muscle(base_offset=0.012, end_offset=0.002, tension=6.0, side=-1),
+    ),
+    water=dataclasses.replace(OCTOPUS.water, inlet_fraction=0.8, velocity_gradient=0.3),
+    gravity=Gravity(9.81),
+    tip=Tip(force=(0.05, -0.1), moment=0.002),
+)
+
+
+def tip_of(scene: Scene) -> jax.Array:
+    tip = solve(scene, METHOD, throw=False).tip
+    return jnp.stack([tip.x, tip.y, tip.theta])
+
+
+def as_arrays(scene: Scene) -> Scene:
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
+
+
+def central_difference(scene: Scene, path: str, relative_step: float = 1e-4) -> np.ndarray:
+    """Fourth order, so that the step can be large against the integrator's tolerance."""
+    value = float(parameters(scene)[path])
+    step = relative_step * max(abs(value), 1e-2)
+    weights = {2: -1, 1: 8, -1: -8, -2: 1}
+    return sum(w * np.asarray(tip_of(replace(scene, {path: value + k * step}))) for k, w in weights.items()) / (12 * step)
+
+
+@pytest.fixture(scope="module")
+def forward() -> dict[str, np.ndarray]:
+    scene = as_arrays(FULL)
+    columns = jax.jit(jax.jacfwd(tip_of))(scene)
+    return {path: np.asarray(column) for path, column in parameters(columns).items()}
+
+
+def test_every_float_leaf_is_differentiated(forward):
+    assert forward.keys() == parameters(FULL).keys()
+    assert all(np.isfinite(column).all() for column in forward.values())
+
+
+@pytest.mark.parametrize("path", parameters(FULL))
+def test_forward_mode_equals_central_differences(forward, path):
+    difference = central_difference(FULL, path)
+    scale = np.abs(difference).max()
+    np.testing.assert_allclose(forward[path], difference, rtol=0, atol=1e-6 * scale + 1e-11)
+
+
+def test_reverse_mode_equals_forward_mode(forward):
+    backward = parameters(jax.jit(jax.jacrev(tip_of))(as_arrays(FULL)))
+    for path, column in forward.items():
+        np.testing.assert_allclose(backward[path], column, rtol=1e-12, atol=0)
+
+
+def test_gradient_is_finite_at_the_straight_unloaded_arm():
+    """No tension, no current, no weight: the arm is straight, and pulling it is the only thing that bends it."""
+    still = replace(FULL, dict.fromkeys(("muscles.0.tension", "muscles.1.tension", "water.velocity"), 0.0))
+    still = replace(still, {"gravity.acceleration": 0.0, "tip.force.0": 0.0, "tip.force.1": 0.0, "tip.moment": 0.0,
+                            "water.velocity_gradient": 0.0})  # fmt: skip
+    gradient = parameters(jax.jit(jax.jacrev(tip_of))(as_arrays(still)))
+    assert all(np.isfinite(row).all() for row in gradient.values())
+    assert gradient["muscles.0.tension"][1] > 0 > gradient["muscles.1.tension"][1]
+    assert gradient["arm.youngs_modulus"] == pytest.approx(np.zeros(3), abs=1e-15)
+
+
+def pull_to_height(tension: jax.Array) -> jax.Array:
+    return solve(replace(load("elastica"), {"tip.force.1": tension}), METHOD, throw=False).tip.y
+
+
+def test_second_derivatives_in_every_nesting():
+    """Of the elastica's deflection over its load, beside differences of first derivatives."""
+    at, step = jnp.asarray(3.0), 1e-3
+    slope = jax.jit(jax.grad(pull_to_height))
+    second = float(slope(at + step) - slope(at - step)) / (2 * step)
+    for outer in (jax.jacfwd, jax.jacrev):
+        for inner in (jax.jacfwd, jax.jacrev):
+            assert float(jax.jit(outer(inner(pull_to_height)))(at)) == pytest.approx(second, rel=1e-5)
+
+
+def test_vmap_and_grad_nest_either_way():
+    pulls = jnp.asarray([0.5, 2.0, 5.0])
+    each = jnp.stack([jax.grad(pull_to_height)(pull) for pull in pulls])
+    np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(pull_to_height)))(pulls), each, rtol=1e-11)
+    total = jax.jit(jax.grad(lambda pulls: jax.vmap(pull_to_height)(pulls).sum()))(pulls)
+    np.testing.assert_allclose(total, each, rtol=1e-11)
+
+
+def test_gradient_with_respect_to_the_initial_guess_is_zero():
+    """The root that a guess leads to does not move with the guess."""
+    from cosserat_jax.solver.equilibrium import at_root
+
+    def at(guess: jax.Array, a: jax.Array) -> jax.Array:
+        return at_root(lambda root, params: (root**2 - params[0], root[0]), guess, [a])
+
+    guess, a = jnp.asarray([2.0]), jnp.asarray(4.0)
+    by_guess, by_a = jax.grad(at, argnums=(0, 1))(guess, a)
+    assert by_guess == 0
+    assert by_a == pytest.approx(0.25)
