@@ -71,7 +71,8 @@ def _parse(text: str, unit: str, where: str) -> Any:
 
 def _convert(quantity: Any, text: str, unit: str, where: str) -> float:
     try:
-        return float(quantity.to("dimensionless" if unit == "1" else unit).magnitude)
+        converted = float(quantity.to("dimensionless" if unit == "1" else unit).magnitude)
     except Exception:  # a wrong dimension, or a magnitude that is no number
         kind = "a number without a unit" if unit == "1" else f"a quantity in {unit}"
         raise SceneError(f"{where}: {text!r} has the wrong unit; allowed: {kind}") from None
+    return float(f"{converted:.15g}")  # 0.998 kg/dm^3 is 998 kg/m^3, not 997.9999999999999

@@ -68,11 +68,10 @@ def _check_quantity(path: str, value: Any, rule: Quantity) -> None:
 
 
 def _check_material(arm: Any) -> None:
-    moduli = (arm.youngs_modulus, arm.poisson_ratio)
-    if arm.stiffness is None and None in moduli:
-        missing = "youngs_modulus" if arm.youngs_modulus is None else "poisson_ratio"
-        raise SceneError(f"arm.{missing}: missing; give youngs_modulus and poisson_ratio, or a table arm.stiffness")
-    if arm.stiffness is not None and moduli != (None, None):
+    missing = [name for name in ("youngs_modulus", "poisson_ratio") if getattr(arm, name) is None]
+    if arm.stiffness is None and missing:
+        raise SceneError(f"arm.{missing[0]}: missing; give youngs_modulus and poisson_ratio, or a table arm.stiffness")
+    if arm.stiffness is not None and len(missing) < 2:
         raise SceneError("arm.stiffness: given beside youngs_modulus or poisson_ratio; allowed: the one or the other")
     if arm.stiffness is not None and arm.cross_section != "rigid":
         raise SceneError(f"arm.cross_section: {arm.cross_section!r} is not allowed with arm.stiffness; allowed: 'rigid'")
@@ -85,17 +84,16 @@ def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
         return
     length, base_radius, tip_radius, base_offset, end_offset = numbers
     if (bad := end > length).any():
-        raise SceneError(
-            f"{path}.end: {_first(end, bad):g} is not allowed; allowed: more than 0 to {_first(length, bad):g} [m], the arm's length"
-        )
+        allowed = f"more than 0 to {_first(length, bad):g} [m], the arm's length"
+        raise SceneError(f"{path}.end: {_first(end, bad):g} is not allowed; allowed: {allowed}")
     if muscle.tangent == "unit":
         return
     end_radius = base_radius + (tip_radius - base_radius) * end / length
     for name, offset, radius in (("base_offset", base_offset, base_radius), ("end_offset", end_offset, end_radius)):
         if (bad := offset > radius * (1 + 1e-12)).any():
             raise SceneError(
-                f"{path}.{name}: {_first(offset, bad):g} lies outside the arm; allowed: 0 to {_first(radius, bad):g} [m], "
-                "its radius there, or tangent = 'unit'"
+                f"{path}.{name}: {_first(offset, bad):g} lies outside the arm; "
+                f"allowed: 0 to {_first(radius, bad):g} [m], its radius there, or tangent = 'unit'"
             )
 
 

@@ -38,5 +38,5 @@ class Shooting(eqx.Module):
         if self.steps is not None:
             return diffrax.ConstantStepSize()
         return diffrax.PIDController(
-            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=_LONGEST_STEP
+            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=_LONGEST_STEP, force_dtmin=False
         )

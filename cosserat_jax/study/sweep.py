@@ -76,9 +76,10 @@ def sweep(
     rows = [np.minimum(np.arange(start, start + size), count - 1) for start in range(0, count, size)]
     batches = [{path: jnp.asarray(axis[chosen]) for path, axis in rods.items()} for chosen in rows]
     store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, size))
-    chunks = [_solved(scene, one, method, store, i) for i, one in enumerate(_shown(batches, progress))]
+    floats = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)  # traced, so that another value is no recompile
+    chunks = [_solved(floats, one, method, store, i) for i, one in enumerate(_shown(batches, progress))]
     leaves = [np.concatenate(parts)[:count] for parts in zip(*chunks, strict=True)]
-    tree = jax.tree.structure(eqx.filter_eval_shape(_solve_batch, scene, batches[0], method))
+    tree = jax.tree.structure(eqx.filter_eval_shape(_solve_batch, floats, batches[0], method))
     solution = jax.tree.unflatten(tree, [leaf.reshape(shape + leaf.shape[1:]) for leaf in leaves])
     return Sweep(scene, grid, method, solution)
 
