@@ -238,7 +238,7 @@ def _grid(file: SceneFile, over: dict[str, str], changes: dict[str, str]) -> dic
     try:
         grid = {path: sweep_values(file.scene, path, text) for path, text in over.items()} if over else file.sweep
         if not grid:
-            raise SceneError('nothing to sweep over; allowed: --over PATH=RANGE, or a table [sweep] in the scene')
+            raise SceneError("nothing to sweep over; allowed: --over PATH=RANGE, or a table [sweep] in the scene")
         if both := [path for path in grid if path in changes]:
             raise SceneError(f"{both[0]}: swept, and set to {changes[both[0]]!r} by --set; allowed: one of the two")
         if (rods := math.prod(len(values) for values in grid.values())) > _MOST_RODS:

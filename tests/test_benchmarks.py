@@ -3,7 +3,6 @@
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -98,7 +97,7 @@ def test_branch_trap_returns_the_equilibrium_of_proportional_loading():
 
 @pytest.mark.parametrize("load_parameter", [15.0, 25.0, 40.0, 60.0])
 def test_stays_on_the_first_branch_where_there_are_others(load_parameter):
-    """Beyond P L^2 / EI = 10.3 the elastica has further equilibria. On the first one the tip's angle grows with the load
+    """Beyond P L^2 / EI = 10.3 the elastica has further equilibria. On the first the tip's angle grows with the load
     towards a right angle and the rod has no inflection; the load follows from theta by an elliptic integral."""
     from scipy.special import ellipk, ellipkinc
 

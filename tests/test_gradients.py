@@ -37,7 +37,9 @@ def central_difference(scene: Scene, path: str, relative_step: float = 1e-4) -> 
     value = float(parameters(scene)[path])
     step = relative_step * max(abs(value), 1e-2)
     weights = {2: -1, 1: 8, -1: -8, -2: 1}
-    return sum(w * np.asarray(tip_of(replace(scene, {path: value + k * step}))) for k, w in weights.items()) / (12 * step)
+    return sum(w * np.asarray(tip_of(replace(scene, {path: value + k * step}))) for k, w in weights.items()) / (
+        12 * step
+    )
 
 
 @pytest.fixture(scope="module")

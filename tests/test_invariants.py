@@ -59,7 +59,7 @@ def test_a_muscle_given_the_arms_length_as_its_end_is_one_without_an_end():
 
 
 def test_fields_satisfy_the_papers_local_balance():
-    """Its printed equations, with the internal force n alone and everything else a load, differentiated from the fields:
+    """Its printed equations, with the internal force n alone and all else a load, differentiated from the fields:
 
         n_s + T t_c,s + f_water + f_weight = 0        m_s + r_s x n + (y beta b) x T t_c,s + X beta b x f_water = 0
 
@@ -146,7 +146,9 @@ def test_a_rod_is_the_same_alone_in_a_batch_and_in_chunks():
     for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(chunked), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * np.abs(a).max())
     for i, j in ((0, 0), (3, 1), (6, 2)):
-        alone = solve(replace(OCTOPUS, {path: values[k] for (path, values), k in zip(OVER.items(), (i, j), strict=True)}))
+        alone = solve(
+            replace(OCTOPUS, {path: values[k] for (path, values), k in zip(OVER.items(), (i, j), strict=True)})
+        )
         np.testing.assert_allclose(whole.tip.x[i, j], alone.tip.x, rtol=0, atol=1e-12)
         np.testing.assert_allclose(whole.tip.y[i, j], alone.tip.y, rtol=0, atol=1e-12)
 
@@ -167,8 +169,8 @@ def test_a_rod_that_fails_leaves_its_neighbours_untouched():
 
 
 def test_volume_constraint_folds_where_theory_says():
-    """With a moment alone beta^3 - beta^2 = 4 M X / (E pi R^4), whose least value is -4/27 at beta = 2/3: the section at
-    the tip, the thinnest, folds at M = -E pi R^3 / 27."""
+    """With a moment alone beta^3 - beta^2 = 4 M X / (E pi R^4), whose least value is -4/27 at beta = 2/3: the
+    section at the tip, the thinnest, folds at M = -E pi R^3 / 27."""
     arm = WEIGHTLESS.arm
     folds_at = arm.youngs_modulus * np.pi * arm.tip_radius**3 / 27
     bare = dataclasses.replace(WEIGHTLESS, muscles=(), tip=Tip(moment=-1.001 * folds_at))

@@ -1,4 +1,4 @@
-"""Loads spread along the arm: each a module that says what it does to a cross-section, and whether it asks where that is."""
+"""Loads spread along the arm: each says what it does to a cross-section, and whether it asks where that is."""
 
 import abc
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from ..scene.quantity import Scalar
 
 
 class CrossSection(NamedTuple):
-    """A cross-section in its place: centerline (x, y) [m], director a = (cos, sin), strains, radius R and surface offset X.
+    """A cross-section in its place: centerline (x, y) [m], director (cos, sin), strains, radius R, surface offset X.
 
     The deformed surface runs at x = r + X beta b with X = ventral R; `surface_slope` is X_s.
     """

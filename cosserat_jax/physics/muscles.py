@@ -11,7 +11,7 @@ from ..scene.quantity import Scalar
 
 
 class Pull(eqx.Module):
-    """One muscle at one cross-section: tension T [N], signed offset y [m], its slope y_s, and whether t_c is normalised."""
+    """One muscle at one cross-section: tension T [N], signed offset y [m], slope y_s, and whether t_c is normalised."""
 
     tension: Scalar
     offset: Scalar

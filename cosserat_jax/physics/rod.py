@@ -27,12 +27,11 @@ from .stretch import LoadRates, stretch_at
 from .water import Flow
 from .weight import Weight
 
-
 _VOLUME_TOL = 1e-8  # Newton ends far below this wherever the constraint has a root
 
 
 class RodState(NamedTuple):
-    """What is integrated along s: centerline [m], angle [rad] and director of the section, total force [N], moment [N m]."""
+    """Integrated along s: centerline [m], angle [rad] and director of the section, total force [N] and moment [N m]."""
 
     x: Scalar
     y: Scalar

@@ -24,6 +24,7 @@ from ..scene.quantity import Scalar
 from .implicit import differentiable_root, newton
 from .muscles import Pull
 
+
 class Stiffness(NamedTuple):
     """c E A, c G A and c E J of a cross-section: axial [N], shear [N], bending [N m^2]."""
 
@@ -57,7 +58,10 @@ def radius_at(arm: Arm, s: Scalar) -> Scalar:
 def stiffness_at(arm: Arm, s: Scalar, beta: Scalar) -> Stiffness:
     """Stiffness of the deformed section, or the constants given in place of a modulus."""
     if arm.stiffness is not None:
-        return Stiffness(*(arm.stiffness_factor * k for k in (arm.stiffness.axial, arm.stiffness.shear, arm.stiffness.bending)))
+        given = (arm.stiffness.axial, arm.stiffness.shear, arm.stiffness.bending)
+        return Stiffness(*(arm.stiffness_factor * constant for constant in given))
+    assert arm.youngs_modulus is not None  # a valid scene has the moduli or the stiffness
+    assert arm.poisson_ratio is not None
     area_radius = (radius_at(arm, s) * beta) ** 2
     axial = arm.stiffness_factor * arm.youngs_modulus * jnp.pi * area_radius
     return Stiffness(axial, axial / (2 * (1 + arm.poisson_ratio)), axial * area_radius / 4)
@@ -74,9 +78,7 @@ def pull_moments(pulls: tuple[Pull, ...]) -> tuple[Scalar, Scalar, Scalar]:
 def strains_at(stiffness: Stiffness, load: SectionLoad, beta: Scalar, beta_s: Scalar) -> Strains:
     """The strains at given beta and beta_s."""
     tension, first, _ = pull_moments(load.pulls)
-    extension, curvature = solve_bending(
-        stiffness, load.pulls, beta, load.axial - tension, load.moment + beta * first
-    )
+    extension, curvature = solve_bending(stiffness, load.pulls, beta, load.axial - tension, load.moment + beta * first)
     rise = sum(pull.tension * (pull.slope * beta + pull.offset * beta_s) for pull in load.pulls)
     strains = Strains(extension, (load.shear - rise) / (stiffness.shear + tension), curvature)
     if not any(pull.unit for pull in load.pulls):

@@ -13,7 +13,7 @@ few passes. So is the beta_s in |t_c| of a unit tangent, through which alone bet
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -39,24 +39,17 @@ class LoadRates(NamedTuple):
 def stretch_at(
     arm: Arm, s: Scalar, load: SectionLoad, rates_at: Callable[[Scalar, Scalar], LoadRates]
 ) -> tuple[Scalar, Scalar]:
-    """beta and beta_s; `rates_at` gives the load's rates at a stretch and slope. Past a fold, g(beta) is left not zero."""
+    """beta and beta_s; `rates_at` gives the load's rates at a stretch and slope. Past a fold g(beta) is not zero."""
     flat = jnp.zeros_like(load.axial)
-    if not any(pull.unit for pull in load.pulls):
-        beta = _root(arm, s, load, flat)
-        fold = _defect_rate(arm, s, load, beta, flat, beta_rate=1.0)
+    if any(pull.unit for pull in load.pulls):
 
-        def refine(_: int, beta_s: Scalar) -> Scalar:
-            return -_defect_rate(arm, s, load, beta, beta_s, s_rate=1.0, rates=rates_at(beta, beta_s)) / fold
+        def refine_both(_: Any, both: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+            beta = _root(arm, s, load, both[1])
+            return beta, _slope(arm, s, load, beta, both[1], rates_at)
 
-        return beta, lax.fori_loop(0, _PASSES, refine, flat)
-
-    def refine_both(_: int, both: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-        _, beta_s = both
-        beta = _root(arm, s, load, beta_s)
-        fold = _defect_rate(arm, s, load, beta, beta_s, beta_rate=1.0)
-        return beta, -_defect_rate(arm, s, load, beta, beta_s, s_rate=1.0, rates=rates_at(beta, beta_s)) / fold
-
-    return lax.fori_loop(0, _PASSES, refine_both, (flat, flat))
+        return lax.fori_loop(0, _PASSES, refine_both, (flat, flat))
+    beta = _root(arm, s, load, flat)
+    return beta, lax.fori_loop(0, _PASSES, lambda _, beta_s: _slope(arm, s, load, beta, beta_s, rates_at), flat)
 
 
 def volume_defect(beta: Scalar, params: tuple[Arm, Scalar, SectionLoad, Scalar]) -> Scalar:
@@ -72,11 +65,24 @@ def _root(arm: Arm, s: Scalar, load: SectionLoad, beta_s: Scalar) -> Scalar:
     return differentiable_root(volume_defect, newton(volume_defect, jnp.ones(()), held, max_step=0.25), params)
 
 
+def _slope(
+    arm: Arm,
+    s: Scalar,
+    load: SectionLoad,
+    beta: Scalar,
+    beta_s: Scalar,
+    rates_at: Callable[[Scalar, Scalar], LoadRates],
+) -> Scalar:
+    """beta_s with the rates of the load, and |t_c|, taken at the `beta_s` given."""
+    drift = _defect_rate(arm, s, load, beta, beta_s, s_rate=1.0, rates=rates_at(beta, beta_s))
+    return -drift / _defect_rate(arm, s, load, beta, beta_s, beta_rate=1.0)
+
+
 def _defect_rate(
     arm: Arm, s: Scalar, load: SectionLoad, beta: Scalar, beta_s: Scalar, *,
     beta_rate: float = 0.0, s_rate: float = 0.0, rates: LoadRates | None = None,
 ) -> Scalar:  # fmt: skip
-    """How fast g changes as beta, s and the load change at these rates. A muscle's offset changes by its slope with s."""
+    """How fast g changes as beta, s and the load change at these rates; a muscle's offset changes with s."""
 
     def moved(step: Scalar) -> Scalar:
         axial, shear, moment = load[:3]

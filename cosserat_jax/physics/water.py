@@ -10,7 +10,7 @@ from .loads import AbstractLoad, CrossSection
 class Flow(AbstractLoad):
     """Momentum, tangential and viscous force of the water on the ventral surface, and its moment about the centerline.
 
-        u_t = x_s / |x_s|     u_n = ventral k x u_t     v_t = v_inf e1.u_t     v_n = v_inf e1.u_n     q = pi rho_w beta R
+        u_t = x_s / |x_s|    u_n = ventral k x u_t    v_t = v_inf e1.u_t    v_n = v_inf e1.u_n    q = pi rho_w beta R
         f = q |v_n| v_n u_n + q (v_n^2 + 2 inlet_fraction v_t v_n) u_t - (2 pi R beta mu_v v_t / h_inf) u_t
         m = (X beta b) x f
 

@@ -14,7 +14,8 @@ class Weight(AbstractLoad):
     of the undeformed rod, f = -(rho - rho_w) g pi R^2 e2 (`follows_strain` False), as is usual in the rod literature.
 
     The weight is the paper's Eq. WeightSegmentRod; the hydrostatic force that its Eq. ForceLeftNormalRod leaves open,
-    integrated over the closed surface, is the buoyancy. `excess_density` rho - rho_w [kg/m^3], `acceleration` g [m/s^2].
+    integrated over the closed surface, is the buoyancy. `excess_density` rho - rho_w [kg/m^3],
+    `acceleration` g [m/s^2].
     """
 
     excess_density: Scalar

@@ -130,7 +130,8 @@ def draw_surroundings(axes: Axes, scenes: Sequence[Scene]) -> None:
     Where the current differs between the scenes its arrow shows the sign alone, e1 where there are both.
     """
     # points from the corner, so that arrows keep their size whatever the scale of the axes
-    corner = Affine2D().scale(1 / 72) + axes.figure.dpi_scale_trans + ScaledTranslation(0, 1, axes.transAxes)
+    place: Any = axes.transAxes
+    corner = Affine2D().scale(1 / 72) + axes.figure.dpi_scale_trans + ScaledTranslation(0, 1, place)
     words: dict[str, Any] = {"transform": corner, "verticalalignment": "center_baseline", "fontsize": 7}
     speeds = {float(scene.water.velocity) for scene in scenes if scene.water is not None}
     pulls = {float(scene.gravity.acceleration) for scene in scenes if scene.gravity is not None}

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import xarray
 
-from ..scene import dumps, lookup
+from ..scene import dumps, unit_of
 from ..solver import outcome_codes
 
 if TYPE_CHECKING:
@@ -65,7 +65,9 @@ def sweep_dataset(swept: "Sweep") -> xarray.Dataset:
     data["tilt"] = _variable(dims, np.asarray(solution.tilt), "rad", "tilt of the tip's cross-section, alpha - theta")
     for name, (unit, meaning) in _STATS.items():
         data[name] = _variable(dims, getattr(solution, name), unit, meaning)
-    data["converged"] = _variable(dims, np.asarray(solution.converged, np.int8), "1", "1 where the equilibrium was found")
+    data["converged"] = _variable(
+        dims, np.asarray(solution.converged, np.int8), "1", "1 where the equilibrium was found"
+    )
     data["outcome"] = _outcome_variable(dims, solution.outcome)
     for name, (unit, meaning) in _FIELDS.items():
         data[name] = _variable((*dims, "s"), getattr(solution.fields, name), unit, meaning)
@@ -90,18 +92,25 @@ def _outcome_variable(dims: tuple[str, ...], outcome: Any) -> tuple:
 
 
 def _coordinate(swept: "Sweep", path: str) -> tuple:
-    _, rule = lookup(swept.scene, path)
     *owner, name = path.split(".")
     meaning = f"{name.replace('_', ' ')} of {' '.join(owner)}" if owner else name
-    return (path,), swept.over[path], {"units": rule.unit, "long_name": meaning}
+    return (path,), swept.over[path], {"units": unit_of(swept.scene, path), "long_name": meaning}
 
 
 def _arc_length(swept: "Sweep") -> tuple:
     s = np.asarray(swept.solution.fields.s)
     if "arm.length" in swept.over:
-        return ("s",), np.linspace(0, 1, s.shape[-1]), {"units": "1", "long_name": "undeformed arc length over the arm's"}
+        return (
+            ("s",),
+            np.linspace(0, 1, s.shape[-1]),
+            {"units": "1", "long_name": "undeformed arc length over the arm's"},
+        )
     length = float(swept.scene.arm.length)
-    return ("s",), np.linspace(0, length, s.shape[-1]), {"units": "m", "long_name": "undeformed arc length from the base"}
+    return (
+        ("s",),
+        np.linspace(0, length, s.shape[-1]),
+        {"units": "m", "long_name": "undeformed arc length from the base"},
+    )
 
 
 def _attributes(swept: "Sweep") -> dict[str, str]:

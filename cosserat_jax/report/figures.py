@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _WIDTH = 7.2  # inches, two columns of a journal
 _WIDE, _HALF = _WIDTH - 1.4, _WIDTH / 2 - 0.9  # of it, a panel across the page and one of two, without their labels
 _LABELS, _LEGEND, _CURVES = 0.65, 0.3, 1.6  # inches: title and labels of a panel, the legend, a panel of curves
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "figure.constrained_layout.use": True,
     "figure.dpi": 200,
     "font.size": 8,

@@ -12,7 +12,7 @@ from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 
-from ..scene import Scene, lookup, replace
+from ..scene import Scene, replace, unit_of
 from ..solver import Fields, Solution
 
 if TYPE_CHECKING:
@@ -109,11 +109,6 @@ def prefixed(unit: str, largest: float) -> tuple[float, str]:
         return 1.0, unit
     power = min(max(3 * math.floor(math.log10(largest) / 3), -6), 9)
     return 10.0**-power, _PREFIXES[power] + unit
-
-
-def unit_of(scene: Scene, path: str) -> str:
-    """The SI unit that the parameter at `path` is declared with."""
-    return lookup(scene, path)[1].unit
 
 
 def assigned(scene: Scene, path: str, value: float) -> str:

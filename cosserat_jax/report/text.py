@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..scene import Quantity, Scene, lookup
+from ..scene import unit_of
 from ..solver import Outcome, Solution, outcome_codes
 from ..study import Sweep
 
@@ -52,7 +52,7 @@ def sweep_table(swept: Sweep) -> str:
     names = {"tip_x": "tip.x [m]", "tip_y": "tip.y [m]", "tip_theta": "tip.theta [rad]"}
     table = swept.to_xarray()[list(names)].to_dataframe().rename(columns=names)
     table["outcome"] = _outcome_names(swept.solution.outcome).ravel()
-    table.index.names = [f"{path} [{_unit(swept.scene, path) or 1}]" for path in swept.over]
+    table.index.names = [f"{path} [{unit_of(swept.scene, path)}]" for path in swept.over]
     return table.to_string(max_rows=_ROWS)
 
 
@@ -61,7 +61,7 @@ def sweep_summary(name: str, swept: Sweep, seconds: float) -> str:
     converged, heights = np.asarray(swept.solution.converged), np.asarray(swept.solution.tip.y)
     lines = [f"{name}: {converged.sum()} of {converged.size} rods converged"]
     for path, values in swept.over.items():
-        span = f"{values.min():.6g} to {values.max():.6g} {_unit(swept.scene, path)}".rstrip()
+        span = f"{values.min():.6g} to {values.max():.6g} {unit_of(swept.scene, path)}".removesuffix(" 1")
         lines.append(f"  {path}: {len(values)} values, {span}")
     if converged.any():
         lines.append(f"  tip height   {heights[converged].min():.6g} to {heights[converged].max():.6g} m")
@@ -78,7 +78,7 @@ def sweep_summary(name: str, swept: Sweep, seconds: float) -> str:
 def _rod_text(swept: Sweep, place: tuple[int, ...]) -> str:
     """The swept values of the rod at `place` of the grid, and what came of it."""
     values = [
-        f"{path} = {values[i]:.6g} {_unit(swept.scene, path)}".rstrip()
+        f"{path} = {values[i]:.6g} {unit_of(swept.scene, path)}".removesuffix(" 1")
         for (path, values), i in zip(swept.over.items(), place, strict=True)
     ]
     return f"{', '.join(values)}: {_sentence(jax.tree.map(lambda leaf: np.asarray(leaf[place]), swept.solution))}"
@@ -99,8 +99,3 @@ def _sentence(solution: Solution) -> str:
 
 def _number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _unit(scene: Scene, path: str) -> str:
-    _, rule = lookup(scene, path)
-    return rule.unit if isinstance(rule, Quantity) and rule.unit != "1" else ""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
 class OutputError(ValueError):
     """An output cannot be written: one line that names the option, the file and what is allowed."""
 

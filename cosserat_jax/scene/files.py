@@ -50,7 +50,7 @@ def read(name: str | os.PathLike[str]) -> SceneFile:
 
 def presets() -> tuple[str, ...]:
     """The names of the scenes that ship with the package."""
-    folder = resources.files(__package__) / "presets"
+    folder = resources.files("cosserat_jax.scene") / "presets"
     return tuple(sorted(item.name.removesuffix(".toml") for item in folder.iterdir() if item.name.endswith(".toml")))
 
 
@@ -63,7 +63,7 @@ def dumps(scene: Scene) -> str:
 
 def _text(source: str) -> str:
     if source in presets():
-        return (resources.files(__package__) / "presets" / f"{source}.toml").read_text(encoding="utf-8")
+        return (resources.files("cosserat_jax.scene") / "presets" / f"{source}.toml").read_text(encoding="utf-8")
     path = Path(source)
     try:
         return path.read_text(encoding="utf-8")
@@ -110,7 +110,9 @@ def _value(field: dataclasses.Field, hint: Any, given: Any, path: str) -> Any:
         return rule.values[rule.values.index(given)]
     if isinstance(rule, Quantity) and rule.components > 1:
         if not isinstance(given, list) or len(given) != rule.components:
-            raise SceneError(f"{path}: {given!r} is not allowed; allowed: a list of {rule.components} quantities in {rule.unit}")
+            raise SceneError(
+                f"{path}: {given!r} is not allowed; allowed: a list of {rule.components} quantities in {rule.unit}"
+            )
         return tuple(to_si(item, rule.unit, f"{path}.{i}") for i, item in enumerate(given))
     if isinstance(rule, Quantity):
         return to_si(given, rule.unit, path)

@@ -44,7 +44,8 @@ class Arm(eqx.Module):
 
     - `length` [m], `base_radius` [m], `tip_radius` [m], `density` [kg/m^3] of the undeformed arm.
     - `youngs_modulus` E [Pa] and `poisson_ratio` nu_p, with G = E / (2 (1 + nu_p)).
-    - `stiffness_factor` c multiplies the section law: 1 is linear elasticity; 2 is the paper's printed law, N = 2 E (nu - 1).
+    - `stiffness_factor` c multiplies the section law: 1 is linear elasticity; 2 is the paper's printed law,
+      N = 2 E (nu - 1).
     - `base_angle` [rad]: direction in which the base is clamped, from e1.
     - `cross_section`: "volume-preserving" lets the section stretch in its plane by beta so that the local volume is
       kept; "rigid" is the standard Cosserat rod, beta = 1.

@@ -38,6 +38,12 @@ def lookup(scene: Scene, path: str) -> tuple[Any, Quantity | Choice]:
     return part, rule
 
 
+def unit_of(scene: Scene, path: str) -> str:
+    """The SI unit of the parameter at `path`; "1" for one without a unit."""
+    _, rule = lookup(scene, path)
+    return rule.unit if isinstance(rule, Quantity) else "1"
+
+
 def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """`scene` with the parameters at these paths replaced; the scene itself is unchanged.
 

@@ -8,12 +8,11 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
+import jax.core
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-Scalar = Float[ArrayLike, ""]
+Scalar = Float[Array, ""] | float
 
 
 class SceneError(ValueError):

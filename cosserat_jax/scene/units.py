@@ -21,7 +21,7 @@ def _registry() -> Any:
 def to_si(value: Any, unit: str, where: str) -> float:
     """`value`, a number in SI or a string with a unit, as a float in SI `unit`. Raises `SceneError` naming `where`."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise SceneError(f"{where}: {value!r} is not a quantity; allowed: a number in SI or a string like \"1 {unit}\"")
+        raise SceneError(f'{where}: {value!r} is not a quantity; allowed: a number in SI or a string like "1 {unit}"')
     if not isinstance(value, str):
         return float(value)
     try:
@@ -31,7 +31,7 @@ def to_si(value: Any, unit: str, where: str) -> float:
 
 
 def range_to_si(text: str, unit: str, where: str) -> np.ndarray:
-    """The values of "START:STOP:STEP UNIT" (STOP included) or "V1, V2, ... UNIT" in SI `unit`, as floats of shape (n,)."""
+    """The values of "START:STOP:STEP UNIT" (STOP included) or "V1, V2, ... UNIT" in SI `unit`, of shape (n,)."""
     number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
     matched = re.fullmatch(rf"\s*({number}(?:\s*[:,]\s*{number})*)\s*(.*)", text, re.DOTALL)
     if matched is None:
@@ -42,7 +42,8 @@ def range_to_si(text: str, unit: str, where: str) -> np.ndarray:
     elif "," in numbers or numbers.count(":") != 2:
         raise SceneError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
     else:
-        values = _stepped(*(float(x) for x in numbers.split(":")), text, where)
+        start, stop, step = (float(x) for x in numbers.split(":"))
+        values = _stepped(start, stop, step, text, where)
     scale, offset = 1.0, 0.0
     if given_unit.strip():
         offset = to_si(f"0 {given_unit}", unit, where)

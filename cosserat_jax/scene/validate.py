@@ -74,15 +74,18 @@ def _check_material(arm: Any) -> None:
     if arm.stiffness is not None and len(missing) < 2:
         raise SceneError("arm.stiffness: given beside youngs_modulus or poisson_ratio; allowed: the one or the other")
     if arm.stiffness is not None and arm.cross_section != "rigid":
-        raise SceneError(f"arm.cross_section: {arm.cross_section!r} is not allowed with arm.stiffness; allowed: 'rigid'")
+        raise SceneError(
+            f"arm.cross_section: {arm.cross_section!r} is not allowed with arm.stiffness; allowed: 'rigid'"
+        )
 
 
 def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
-    numbers = [concrete(x) for x in (arm.length, arm.base_radius, arm.tip_radius, muscle.base_offset, muscle.end_offset)]
-    end = concrete(arm.length if muscle.end is None else muscle.end)
-    if end is None or any(x is None for x in numbers):
-        return
-    length, base_radius, tip_radius, base_offset, end_offset = numbers
+    end = arm.length if muscle.end is None else muscle.end
+    given = (arm.length, arm.base_radius, arm.tip_radius, muscle.base_offset, muscle.end_offset, end)
+    numbers = [number for value in given if (number := concrete(value)) is not None]
+    if len(numbers) < len(given):
+        return  # JAX is tracing some of them
+    length, base_radius, tip_radius, base_offset, end_offset, end = numbers
     if (bad := end > length).any():
         allowed = f"more than 0 to {_first(length, bad):g} [m], the arm's length"
         raise SceneError(f"{path}.end: {_first(end, bad):g} is not allowed; allowed: {allowed}")

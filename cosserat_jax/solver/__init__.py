@@ -5,4 +5,14 @@ from .outcome import Outcome, outcome_codes
 from .solution import Fields, Pose, SectionStrains, Solution
 from .solve import SolveError, solve
 
-__all__ = ["Fields", "Outcome", "Pose", "SectionStrains", "Shooting", "Solution", "SolveError", "outcome_codes", "solve"]
+__all__ = [
+    "Fields",
+    "Outcome",
+    "Pose",
+    "SectionStrains",
+    "Shooting",
+    "Solution",
+    "SolveError",
+    "outcome_codes",
+    "solve",
+]

@@ -1,6 +1,6 @@
 """Integrates the rod with diffrax from the tip, where its loads are known, to the base."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import diffrax
 import jax
@@ -13,16 +13,15 @@ from ..physics.rod import Rod, RodState, derivative, tip_state
 from ..physics.section import stiffness_at
 from .method import Shooting
 
-
 _FIRST_STEP = 0.1  # of a segment; choosing it from the equations would compile them twice more
 
 
 class Shot(NamedTuple):
-    """One integration: the states at the tip, the base and the asked points, the steps taken, and whether it came through."""
+    """One integration: the states at tip, base and asked points, the steps taken, and whether it came through."""
 
     tip: RodState
     base: RodState
-    saved: RodState
+    saved: RodState | None
     steps: Int[Array, ""]
     finished: Bool[Array, ""]
     folded: Bool[Array, ""]
@@ -49,7 +48,7 @@ def shoot(
     def segment(state: RodState, span: tuple[Array, Array]) -> tuple[RodState, tuple]:
         start, end = span
 
-        def slope(tau: Array, scaled: RodState, _: None) -> RodState:
+        def slope(tau: Any, scaled: Any, _: Any) -> RodState:
             s = start + (end - start) * tau
             d_ds = derivative(rod, s, jax.tree.map(jnp.multiply, scaled, scale), start)[0]
             return jax.tree.map(lambda d, unit: d * (end - start) / unit, d_ds, scale)
@@ -72,7 +71,8 @@ def shoot(
             max_steps=max_steps,
             throw=False,
         )
-        at_end, at_points = (solution.ys, None) if points is None else solution.ys
+        ys: Any = solution.ys
+        at_end, at_points = (ys, None) if points is None else ys
         at_end = jax.tree.map(lambda y, unit: y[-1] * unit, at_end, scale)
         return at_end, (at_points, solution.stats["num_steps"], solution.result)
 
@@ -93,12 +93,10 @@ def _scales(rod: Rod) -> RodState:
     length = rod.arm.length
     bending = stiffness_at(rod.arm, length, 1.0).bending
     force = bending / length**2
-    return lax.stop_gradient(
-        RodState(length, length, 1.0, 1.0, 1.0, force, force, bending / length)
-    )
+    return lax.stop_gradient(RodState(length, length, 1.0, 1.0, 1.0, force, force, bending / length))
 
 
 def _gather(at_points: RodState, ends: Array, points: Array, scale: RodState) -> RodState:
-    """Of the states saved in every stretch, those of the stretch in which each point lies (the lower one at its end)."""
+    """Of the states saved in every stretch, those of the stretch in which each point lies, the lower at its end."""
     stretch = jnp.sum(points[:, None] <= ends[None, 1:-1], axis=1)
     return jax.tree.map(lambda y, unit: y[:, ::-1][stretch, jnp.arange(len(points))] * unit, at_points, scale)

@@ -3,7 +3,6 @@
 import diffrax
 import equinox as eqx
 
-
 _SMALLEST_STEP = 1e-6  # of a segment: shorter steps are taken only where the section law has no solution
 _LONGEST_STEP = 0.1  # of a segment: longer ones would leave the fields between two steps less accurate than the tip
 

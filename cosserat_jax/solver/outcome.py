@@ -15,8 +15,8 @@ class Outcome(eqx.Enumeration):
         "equilibrium is lost at a limit point before the full load is reached: the arm would snap; lower the load"
     )
     ill_conditioned = (
-        "a change of the tip's pose is amplified beyond double precision on the way to the base, as in a soft arm pulled "
-        "taut; lower the load, stiffen or shorten the arm"
+        "a change of the tip's pose is amplified beyond double precision on the way to the base, as in a soft arm "
+        "pulled taut; lower the load, stiffen or shorten the arm"
     )
     integration_failed = (
         "the integration along the arm did not finish; raise max_steps, loosen rtol and atol, or lower the load"

@@ -90,7 +90,7 @@ def _straight_pose(scene: Scene) -> Float[Array, " unknowns"]:
 
 
 def _pass(scene: Scene, method: Shooting, walk: _Walk) -> _Walk:
-    """One integration at the trial load, then: another Newton step, or on to the next load, or back to a smaller one."""
+    """One integration at the trial load, then another Newton step, or on to the next load, or back to a smaller."""
 
     def error_of(pose: Array) -> tuple[Array, Shot]:
         rod = Rod.of(scene, walk.trial_load)

@@ -30,7 +30,7 @@ class Fields(eqx.Module):
     `x`, `y` [m], `theta` [rad], the strains `nu`, `eta`, `mu` [1/m], `beta`, and the paper's tractions
     N = c E (nu - 1) [Pa], H = c G eta [Pa] and bending moment M = c E mu [Pa/m], the internal force and moment of the
     section over its deformed A and J (paper, Eqs. BulkContactForceFcConstitutive, BulkContactMomentMcConstitutive).
-    `force_x`, `force_y` [N] and `moment` [N m] are the totals that the section and the muscles through it carry together;
+    `force_x`, `force_y` [N] and `moment` [N m] are the totals that the section and the muscles through it carry;
     at s = 0 they are what the clamp holds. At the end of a muscle the strains are those of the side of the base.
     """
 

@@ -1,7 +1,10 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
+import jax.core
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -32,7 +35,7 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
     tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution.
     Raises `RuntimeError` if double precision is off.
     """
-    if not jax.config.jax_enable_x64:
+    if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     floats = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
     solution = _solve(floats, Shooting() if method is None else method)
@@ -75,8 +78,8 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
 
 
 def _fields(rod: Rod, shot: Shot, points: Float[Array, " points"]) -> Fields:
-    saved = shot.saved
-    section = jax.vmap(lambda s, state: derivative(rod, s, state, s)[1])(points, saved)
+    saved: Any = shot.saved
+    section: Any = jax.vmap(lambda s, state: derivative(rod, s, state, s)[1])(points, saved)
     beta = jnp.broadcast_to(section.beta, points.shape)
     stiffness = stiffness_at(rod.arm, points, beta)
     area = jnp.pi * (beta * section.radius) ** 2

@@ -21,7 +21,9 @@ class Checkpoint:
         if name.is_file() and name.read_text() == identity:
             return
         if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-            raise SceneError(f"{folder}: holds something other than this sweep's batches; remove it or name another folder")
+            raise SceneError(
+                f"{folder}: holds something other than this sweep's batches; remove it or name another folder"
+            )
         folder.mkdir(parents=True, exist_ok=True)
         beside = folder / "unfinished"
         beside.write_text(identity)

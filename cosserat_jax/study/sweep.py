@@ -56,8 +56,8 @@ def sweep(
 
     Rods are solved `batch` at a time by one compiled program. `progress` shows a bar on a terminal. With `checkpoint`,
     a folder, every batch is kept as it ends, and the same sweep started again takes up where it was stopped, to the
-    same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or a value that is not allowed. A rod
-    that has no solution does not raise: see `Sweep.solution.outcome`.
+    same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or a value that is
+    not allowed. A rod that has no solution does not raise: see `Sweep.solution.outcome`.
     """
     grid = {path: _values(scene, path, values) for path, values in over.items()}
     if not grid:

@@ -1,0 +1,127 @@
+"""What a user writes: files, paths, units and values, and what is said to one who errs. The command line's errors are
+tested in `test_cli`."""
+
+import dataclasses
+import math
+
+import jax
+import numpy as np
+import pytest
+
+from cosserat_jax import Arm, Muscle, Scene, SceneError, dumps, load, parameters, presets, replace, solve, sweep
+from cosserat_jax.scene import range_to_si, read, to_si
+
+
+@pytest.mark.parametrize("name", presets())
+def test_a_scene_written_down_reads_back_the_same(name, tmp_path):
+    scene = load(name)
+    path = tmp_path / "scene.toml"
+    path.write_text(dumps(scene))
+    assert load(path) == scene
+    assert read(name).title
+
+
+def test_octopus_is_the_papers_table():
+    values = parameters(load("octopus"))
+    table = {"arm.length": 0.418, "arm.base_radius": 0.015, "arm.tip_radius": 0.004, "arm.youngs_modulus": 1e7,
+             "arm.poisson_ratio": 0.5, "arm.density": 1100, "muscles.0.base_offset": 0.012,
+             "muscles.0.end_offset": 0.001, "water.density": 998,
+             "water.viscosity": 1.002e-3, "gravity.acceleration": 9.81}  # fmt: skip
+    assert {path: values[path] for path in table} == pytest.approx(table, rel=1e-14)
+    grid = read("octopus").sweep
+    np.testing.assert_allclose(grid["muscles.0.tension"], np.arange(0, 20.5, 0.5))
+    np.testing.assert_allclose(grid["water.velocity"], [0.2, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [("418 mm", "m", 0.418), ("10 MPa", "Pa", 1e7), ("1.1 kg/dm^3", "kg/m^3", 1100), ("1.002 mPa*s", "Pa*s", 1.002e-3),
+     ("90 deg", "rad", math.pi / 2), ("0 1/s", "1/s", 0), ("-2e-1", "m/s", -0.2), (3, "N", 3.0), ("0.5", "1", 0.5)],
+)  # fmt: skip
+def test_quantities_are_read_in_si(text, unit, value):
+    assert to_si(text, unit, "here") == pytest.approx(value, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "values"),
+    [("0:20:5 N", "N", [0, 5, 10, 15, 20]), ("0.2, 0.4 m/s", "m/s", [0.2, 0.4]), ("1:0:-0.5 mm", "m", [1e-3, 5e-4, 0]),
+     ("0:1:0.3", "N", [0, 0.3, 0.6, 0.9]), ("7 cm", "m", [0.07])],
+)  # fmt: skip
+def test_ranges_hold_their_end(text, unit, values):
+    np.testing.assert_allclose(range_to_si(text, unit, "here"), values, rtol=1e-15, atol=1e-18)
+
+
+def test_replace_changes_only_what_is_named():
+    scene = load("two-segments")
+    changed = replace(scene, {"muscles.1.tension": "5 N", "arm.cross_section": "rigid", "water.velocity_gradient": 0.2})
+    assert changed.muscles[1].tension == 5.0
+    assert changed.arm.cross_section == "rigid"
+    assert changed.water.velocity_gradient == 0.2
+    back = replace(changed, {"muscles.1.tension": 2.0, "arm.cross_section": "volume-preserving"})
+    assert dataclasses.replace(back, water=scene.water) == scene
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"muscles.0.tensoin": 1}, "did you mean 'tension'"),
+        ({"muscles.3.tension": 1}, "0 to 0"),
+        ({"tip.moment": 1}, "this scene has none"),
+        ({"arm": 1}, "names a part"),
+        ({"arm.length": "3 N"}, "wrong unit"),
+        ({"arm.length": "long"}, "a number and a unit"),
+        ({"arm.tip_radius": 0.0}, "more than 0"),
+        ({"arm.poisson_ratio": 0.51}, "0 to 0.5"),
+        ({"muscles.0.tension": -1.0}, "at least 0"),
+        ({"muscles.0.tension": math.nan}, "nan is not allowed"),
+        ({"muscles.0.end": 0.42}, "the arm's length"),
+        ({"muscles.0.end_offset": 0.0041}, "outside the arm"),
+        ({"muscles.0.tangent": "unity"}, "'printed' or 'unit'"),
+        ({"muscles.0.tension": "a lot of N"}, "a number and a unit"),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_named_with_what_is(values, said):
+    with pytest.raises(SceneError, match=f"^{next(iter(values))}: .*{said}") as caught:
+        replace(load("octopus"), values)
+    assert "\n" not in str(caught.value)
+
+
+def test_python_scenes_are_checked_too():
+    arm = Arm(length=0.4, base_radius=0.01, tip_radius=0.005, density=1100.0, youngs_modulus=1e6, poisson_ratio=0.5)
+    with pytest.raises(SceneError, match=r"muscles\.0\.side"):
+        Scene(arm, muscles=(Muscle(base_offset=0.005, end_offset=0.001, tension=1.0, side=2),))
+    with pytest.raises(SceneError, match=r"arm\.youngs_modulus: missing"):
+        Scene(dataclasses.replace(arm, youngs_modulus=None))
+
+
+def test_a_sweep_checks_every_rod_before_it_solves_one():
+    with pytest.raises(SceneError, match=r"arm\.tip_radius: -0\.001 is not allowed"):
+        sweep(load("octopus"), {"arm.tip_radius": [0.004, -0.001]})
+    with pytest.raises(SceneError, match="cannot be swept"):
+        sweep(load("octopus"), {"arm.cross_section": [1.0]})
+
+
+def test_moduli_can_be_swept():
+    """They may be absent, so their checks look at what is there."""
+    scene = replace(
+        load("octopus"), {"arm.youngs_modulus": np.array([1e6, 1e7]), "arm.poisson_ratio": np.array([0.3, 0.5])}
+    )
+    assert scene.arm.youngs_modulus.shape == (2,)
+
+
+def test_single_precision_is_refused():
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.raises(RuntimeError, match="double precision"):
+            solve(load("octopus"))
+    finally:
+        jax.config.update("jax_enable_x64", True)
+
+
+def test_importing_the_package_imports_no_tool_of_its_edges():
+    import subprocess
+    import sys
+
+    tools = ("pint", "xarray", "click", "matplotlib", "tqdm")
+    code = f"import sys, cosserat_jax; print([tool for tool in {tools} if tool in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
