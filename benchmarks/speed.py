@@ -8,7 +8,7 @@ arm in water, bent by one muscle.
 - Compile time: `jax.jit(f).trace(scene)`, `.lower()` and `.compile()`, each timed once, JAX's caches cleared before and
   its persistent cache off. For sweeps: the first call less the median of the warm ones, Python's part included.
 - Run time: median of calls that wait for their result, quartiles in brackets. Calls compared by a ratio are taken in
-  turn, so that a slow spell of the machine meets both; only SciPy and the sweeps have their times one after the other.
+  turn, so that a slow spell of the machine meets both; only SciPy runs before the sweeps it is compared with.
   "Gradient" is of the tip's y with respect to every float of the scene, computed together with the whole `Solution`.
 - Error: distance [m] of the tip from that of a tight solution, `Shooting(rtol=1e-12, atol=1e-12)`; the largest over the
   rods named. `solve_bvp` reaches the same tips from another formulation, so its error at its tightest tolerance vouches
@@ -23,10 +23,11 @@ import dataclasses
 import importlib.metadata
 import os
 import platform
-import statistics
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def in_turn(*calls: Callable[[], Any], repeats: int) -> list[list[float]]:
 
 def spread(times: list[float], per: int = 1) -> str:
     """Median and quartiles in milliseconds."""
-    low, middle, high = (1e3 * quartile / per for quartile in statistics.quantiles(times, n=4, method="inclusive"))
+    low, middle, high = 1e3 / per * np.quantile(times, [0.25, 0.5, 0.75])
     return f"{middle:9.3f} ms  [{low:.3f} .. {high:.3f}]"
 
 
@@ -77,31 +78,26 @@ def line(what: str, value: str, ratio: str = "") -> None:
 
 def machine() -> None:
     """Processor, versions and the device that JAX runs on."""
-    info = Path("/proc/cpuinfo")
-    rows = info.read_text().splitlines() if info.exists() else []
+    rows = info.read_text().splitlines() if (info := Path("/proc/cpuinfo")).exists() else []
     models = [row.split(":", 1)[1].strip() for row in rows if row.startswith("model name")]
     versions = [f"{name} {importlib.metadata.version(name)}" for name in ("jax", "jaxlib", "diffrax", "numpy", "scipy")]
-    device = jax.devices()[0]
     print("\nMachine")
     line("processor", f"{models[0] if models else platform.processor()}, {os.cpu_count()} cores")
     line("system", f"{platform.platform()}, Python {platform.python_version()}")
     line("versions", ", ".join(versions))
-    line("JAX device", f"{device.platform}: {device.device_kind}, {len(jax.devices())} in all")
+    line("JAX device", f"{jax.devices()[0].platform}: {jax.devices()[0].device_kind}")
 
 
 def compiled(what: str, function: Callable, scene: Scene) -> Callable[[], Any]:
     """`function(scene)` compiled with the times of the three stages printed."""
     jax.clear_caches()
-    times = [time.perf_counter()]
-    traced = jax.jit(function).trace(scene)
-    times.append(time.perf_counter())
-    lowered = traced.lower()
-    times.append(time.perf_counter())
-    program = lowered.compile()
-    trace, lower, build = np.diff([*times, time.perf_counter()])
-    stages = f"trace {trace:.2f} s + lower {lower:.2f} s, compile {build:.2f} s"
-    line(what, stages, f"{trace + lower + build:.2f} s in all")
-    return lambda: program(scene)
+    stage, times = jax.jit(function), []
+    for proceed in (methodcaller("trace", scene), methodcaller("lower"), methodcaller("compile")):
+        start = time.perf_counter()
+        stage = proceed(stage)
+        times.append(time.perf_counter() - start)
+    line(what, "trace {:.2f} s, lower {:.2f} s, compile {:.2f} s".format(*times), f"{sum(times):.2f} s in all")
+    return partial(stage, scene)
 
 
 def one_rod(scene: Scene) -> float:
@@ -114,8 +110,8 @@ def one_rod(scene: Scene) -> float:
     print("\nCompile time, one rod")
     run = compiled("solve (first in the process)", lambda scene: solve(scene, throw=False), scene)
     run_gradient = compiled("value and gradient", jax.value_and_grad(tip_height, has_aux=True), scene)
-    plain, gradient, called = in_turn(run, run_gradient, lambda: solve(scene), repeats=5 if QUICK else 25)
-    ratio = statistics.median(gradient) / statistics.median(plain)
+    plain, gradient, called = in_turn(run, run_gradient, partial(solve, scene), repeats=5 if QUICK else 25)
+    ratio = float(np.median(gradient) / np.median(plain))
     print("\nRun time, one rod")
     line("solve, compiled", spread(plain))
     line(f"value and gradient by {len(jax.tree.leaves(scene))} floats", spread(gradient), f"{ratio:.2f} solves")
@@ -127,34 +123,27 @@ def batches(scene: Scene) -> None:
     """Prints first and warm time of the two sweeps at the default tolerances."""
     print("\nSweeps, default method, as called")
     for grid in (GRID,) if QUICK else (GRID, LARGE_GRID):
-
-        def run(grid=grid):
-            return sweep(scene, grid).solution
-
+        run = partial(sweep, scene, grid)
         first = seconds(run)
-        times, one = in_turn(run, lambda: solve(scene), repeats=5 if QUICK or grid is LARGE_GRID else 15)
+        times, one = in_turn(run, partial(solve, scene), repeats=5 if QUICK or grid is LARGE_GRID else 15)
         count = len(grid["muscles.0.tension"]) * len(grid["water.velocity"])
-        line(f"{count} rods: trace, lower and compile", f"{first - statistics.median(times):9.2f} s")
+        line(f"{count} rods: trace, lower and compile", f"{first - np.median(times):9.2f} s")
         line(f"{count} rods in batches of {min(count, 1024)}", spread(times))
-        ratio = statistics.median(times) / count / statistics.median(one)
-        line("  per rod", spread(times, count), f"{ratio:.4f} of solve(scene)")
+        line("  per rod", spread(times, count), f"{np.median(times) / np.median(one) / count:.4f} of solve(scene)")
 
 
 def collocated(rods: list[dict], exact: np.ndarray, cold: bool) -> dict[float, tuple[np.ndarray, float, float]]:
     """`solve_bvp` at each tolerance: {tol: (rods found, largest tip error [m], mean of the rods' median times [s])}."""
     results = {}
     for tol in BVP_TOLERANCES:
-
-        def run(rod: dict, tol=tol):
-            return reference.solve(rod, tol=tol, cold=cold)
-
+        run = partial(reference.solve, tol=tol, cold=cold)
         tips = [run(rod) for rod in rods]
         found = np.array([tip.converged for tip in tips])
         outcome = f"{found.sum()} of {len(rods)} rods found"
         if found.any():
             error = max(np.hypot(*(np.array([[tip.x, tip.y] for tip in tips]) - exact)[found].T))
             chosen = [rod for rod, there in zip(rods, found, strict=True) if there]
-            samples = [[seconds(lambda rod=rod, run=run: run(rod)) for rod in chosen] for _ in range(1 if QUICK else 3)]
+            samples = [[seconds(partial(run, rod)) for rod in chosen] for _ in range(1 if QUICK else 3)]
             results[tol] = found, error, np.median(samples, axis=0).mean()
             outcome = f"{error:.1e} m   {1e3 * results[tol][2]:9.3f} ms a rod   {outcome}"
         line(f"{'cold' if cold else 'continued'}, tol {tol:.0e}", outcome)
@@ -165,15 +154,13 @@ def against_scipy(scene: Scene) -> float:
     """Prints error and time of both; the smallest ratio of time per rod at equal error."""
 
     def swept(tol: float) -> tuple[np.ndarray, list[float]]:
-        def run():
-            return sweep(scene, GRID, Shooting(rtol=tol, atol=tol)).solution
-
-        tip = run().tip
+        run = partial(sweep, scene, GRID, Shooting(rtol=tol, atol=tol))
+        tip = run().solution.tip
         return np.stack([tip.x.ravel(), tip.y.ravel()], axis=1), in_turn(run, repeats=5 if QUICK else 15)[0]
 
     exact, _ = swept(1e-12)
-    tension, velocity = (axis.ravel() for axis in np.meshgrid(*GRID.values(), indexing="ij"))
-    scenes = [replace(scene, {"muscles.0.tension": tension[i], "water.velocity": velocity[i]}) for i in COMPARED]
+    mesh = [axis.ravel() for axis in np.meshgrid(*GRID.values(), indexing="ij")]
+    scenes = [replace(scene, {path: axis[i] for path, axis in zip(GRID, mesh, strict=True)}) for i in COMPARED]
     rods = [without_none(dataclasses.asdict(rod)) for rod in scenes]
     print(f"\nsolve_bvp on {len(rods)} of the 82 rods: largest tip error, mean time")
     results = {start: collocated(rods, exact[COMPARED], start == "cold") for start in ("continued", "cold")}
@@ -182,7 +169,7 @@ def against_scipy(scene: Scene) -> float:
     ratios = []
     for tol in OUR_TOLERANCES:
         tips, times = swept(tol)
-        errors, rod_time = np.hypot(*(tips - exact).T), statistics.median(times) / len(exact)
+        errors, rod_time = np.hypot(*(tips - exact).T), np.median(times) / len(exact)
         line(f"rtol = atol = {tol:.0e}", f"{errors.max():.1e} m   {spread(times)}", f"{1e3 * rod_time:.3f} ms a rod")
         for start, by_tol in results.items():
             ours = {other: errors[COMPARED][found].max() for other, (found, _, _) in by_tol.items()}
@@ -204,12 +191,9 @@ if __name__ == "__main__":
     print(CLAIM)
     jax.config.update("jax_enable_compilation_cache", False)
     machine()
-    octopus = load("octopus")
-    gradient_ratio = one_rod(octopus)
-    batches(octopus)
-    scipy_ratio = against_scipy(octopus)
+    gradient_ratio = one_rod(load("octopus"))
+    batches(load("octopus"))
+    scipy_ratio = against_scipy(load("octopus"))
     held = "held" if gradient_ratio < 2 and scipy_ratio > 50 else "DID NOT HOLD"
-    print(
-        f"\nThe claim {held} in this run: at equal error solve_bvp took {scipy_ratio:.0f} times as long a rod or more,"
-    )
+    print(f"\nThe claim {held} in this run: at equal error solve_bvp took at least {scipy_ratio:.0f} times as long,")
     print(f"value and gradient took {gradient_ratio:.2f} solves.")

@@ -1,4 +1,4 @@
-"""Shared by all tests: shapes and dtypes in signatures are checked, promotions and warnings are errors."""
+"""Shared by all tests: a rank that grows by itself is an error."""
 
 import jax
 
