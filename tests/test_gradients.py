@@ -1,6 +1,7 @@
 """Derivatives of the equilibrium: every float of a scene, both modes, against differences and against each other."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -78,9 +79,8 @@ def test_gradient_is_finite_at_the_straight_unloaded_arm():
     assert gradient["arm.youngs_modulus"] == pytest.approx(np.zeros(3), abs=1e-15)
 
 
-def pull_to_height(tension: jax.Array) -> jax.Array:
-    adaptive = Shooting(points=3, rtol=1e-11, atol=1e-11)
-    return solve(replace(load("elastica"), {"tip.force.1": tension}), adaptive, throw=False).tip.y
+def pull_to_height(tension: jax.Array, method: Shooting = METHOD) -> jax.Array:
+    return solve(replace(load("elastica"), {"tip.force.1": tension}), method, throw=False).tip.y
 
 
 def test_second_derivatives_in_every_nesting():
@@ -93,12 +93,13 @@ def test_second_derivatives_in_every_nesting():
             assert float(jax.jit(outer(inner(pull_to_height)))(at)) == pytest.approx(second, rel=1e-5)
 
 
-def test_vmap_and_grad_nest_either_way():
-    """Adaptive steps: with equal ones (`Shooting(steps=...)`) vmap of grad does not lower at present, and raises."""
+@pytest.mark.parametrize("method", [METHOD, Shooting(points=3)], ids=["equal steps", "adaptive steps"])
+def test_vmap_and_grad_nest_either_way(method):
+    height = functools.partial(pull_to_height, method=method)
     pulls = jnp.asarray([0.5, 2.0, 5.0])
-    each = jnp.stack([jax.grad(pull_to_height)(pull) for pull in pulls])
-    np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(pull_to_height)))(pulls), each, rtol=1e-11)
-    total = jax.jit(jax.grad(lambda pulls: jax.vmap(pull_to_height)(pulls).sum()))(pulls)
+    each = jnp.stack([jax.grad(height)(pull) for pull in pulls])
+    np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(height)))(pulls), each, rtol=1e-11)
+    total = jax.jit(jax.grad(lambda pulls: jax.vmap(height)(pulls).sum()))(pulls)
     np.testing.assert_allclose(total, each, rtol=1e-11)
 
 

@@ -29,9 +29,12 @@ def at_root(function: Callable, root: Float[Array, " unknowns"], params: Scalars
     """O of `function(root, params) -> (E, O)`, a pytree of floats, where `root` solves E = 0.
 
     Derivatives with respect to `params` follow the root; with respect to the given `root`, the fruit of a guess, they
-    are zero. `function` closes over no traced value.
+    are zero. `function` closes over no traced value. Where `root` is NaN, so is all of O.
     """
-    return function(root, params)[1]
+    value = function(root, params)[1]
+    # `root` depends on every parameter, so this batches all of O where any is batched, as the derivative's rule does;
+    # JAX takes for granted that the two agree (https://github.com/jax-ml/jax/issues/16374)
+    return jax.tree.map(lambda leaf: jnp.where(jnp.isnan(root[0]), jnp.nan, leaf), value)
 
 
 @ft.partial(at_root.defjvp, symbolic_zeros=True)

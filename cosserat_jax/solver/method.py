@@ -13,8 +13,7 @@ class Shooting(eqx.Module):
     - `solver`: any diffrax solver for ODEs.
     - `rtol`, `atol`: tolerances of the adaptive steps. The state is scaled for them by the tip section's bending
       stiffness EJ: forces by EJ / L^2, moments by EJ / L, positions by L.
-    - `steps`: a number of equal steps in each segment instead of adaptive ones. With these, `vmap` of `grad` does
-      not lower at present and raises.
+    - `steps`: a number of equal steps in each segment instead of adaptive ones.
     - `max_steps`: the most steps in a segment before the outcome is `integration_failed`.
     - `newton_tol`: Newton stops after a step below this, in radians and lengths; its own error is the square of that.
     - `max_iterations`: integrations, over all load steps, before the outcome is `iterations_exhausted`.
