@@ -168,7 +168,8 @@ def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_ctrl_c_on_a_running_sweep_ends_the_process_with_130(tmp_path: Path) -> None:
-    script = "from cosserat_jax.cli import main; raise SystemExit(main())"
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a job of `cmd &` ignores it
+    script = f"{heard}; from cosserat_jax.cli import main; raise SystemExit(main())"
     words = [sys.executable, "-c", script, *SWEEP, "--out", "a.nc"]
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
