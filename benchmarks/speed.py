@@ -20,19 +20,14 @@ arm in water, bent by one muscle.
 """
 
 import dataclasses
-import importlib.metadata
-import os
-import platform
 import sys
-import time
-from collections.abc import Callable
 from functools import partial
-from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from timing import compiled, in_turn, line, machine, seconds, spread
 
 from cosserat_jax import Scene, Shooting, load, replace, solve, sweep
 
@@ -49,55 +44,6 @@ LARGE_GRID = {"muscles.0.tension": np.linspace(0.0, 20.0, 64), "water.velocity":
 COMPARED = np.linspace(0, 81, 6).round().astype(int)  # rods of GRID: 0, 4, .. 20 N, the first three in the slower water
 OUR_TOLERANCES = (1e-6, 1e-9) if QUICK else (1e-6, 1e-7, 1e-8, 1e-9)
 BVP_TOLERANCES = (1e-3, 1e-6, 1e-9) if QUICK else (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
-
-
-def seconds(call: Callable[[], Any]) -> float:
-    """Of one call, until its result is there."""
-    start = time.perf_counter()
-    jax.block_until_ready(call())
-    return time.perf_counter() - start
-
-
-def in_turn(*calls: Callable[[], Any], repeats: int) -> list[list[float]]:
-    """Seconds of `repeats` warm calls of each, taken in turn."""
-    for call in calls:
-        jax.block_until_ready(call())
-    rounds = [[seconds(call) for call in calls] for _ in range(repeats)]
-    return [list(times) for times in zip(*rounds, strict=True)]
-
-
-def spread(times: list[float], per: int = 1) -> str:
-    """Median and quartiles in milliseconds."""
-    low, middle, high = 1e3 / per * np.quantile(times, [0.25, 0.5, 0.75])
-    return f"{middle:9.3f} ms  [{low:.3f} .. {high:.3f}]"
-
-
-def line(what: str, value: str, ratio: str = "") -> None:
-    print(f"  {what:<48} {value:<52} {ratio}".rstrip(), flush=True)
-
-
-def machine() -> None:
-    """Processor, versions and the device that JAX runs on."""
-    rows = info.read_text().splitlines() if (info := Path("/proc/cpuinfo")).exists() else []
-    models = [row.split(":", 1)[1].strip() for row in rows if row.startswith("model name")]
-    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("jax", "jaxlib", "diffrax", "numpy", "scipy")]
-    print("\nMachine")
-    line("processor", f"{models[0] if models else platform.processor()}, {os.cpu_count()} cores")
-    line("system", f"{platform.platform()}, Python {platform.python_version()}")
-    line("versions", ", ".join(versions))
-    line("JAX device", f"{jax.devices()[0].platform}: {jax.devices()[0].device_kind}")
-
-
-def compiled(what: str, function: Callable, scene: Scene) -> Callable[[], Any]:
-    """`function(scene)` compiled with the times of the three stages printed."""
-    jax.clear_caches()
-    stage, times = jax.jit(function), []
-    for proceed in (methodcaller("trace", scene), methodcaller("lower"), methodcaller("compile")):
-        start = time.perf_counter()
-        stage = proceed(stage)
-        times.append(time.perf_counter() - start)
-    line(what, "trace {:.2f} s, lower {:.2f} s, compile {:.2f} s".format(*times), f"{sum(times):.2f} s in all")
-    return partial(stage, scene)
 
 
 def one_rod(scene: Scene) -> float:

@@ -6,14 +6,22 @@ import jax
 
 jax.config.update("jax_enable_x64", True)  # single precision would give wrong numbers, not rough ones
 
+from .physics.tcam import TCAMState, gain_from_formulas, gain_from_measurement  # noqa: E402
 from .scene import (  # noqa: E402
+    TCAM,
     Arm,
     Gravity,
+    LinearConductance,
     Muscle,
+    Pulses,
+    Sampled,
     Scene,
     SceneError,
     SectionStiffness,
+    Sinusoid,
+    Step,
     Tip,
+    VoltageFunction,
     Water,
     dumps,
     load,
@@ -21,12 +29,25 @@ from .scene import (  # noqa: E402
     presets,
     replace,
 )
-from .solver import Outcome, Shooting, Solution, SolveError, solve  # noqa: E402
-from .study import Sweep, sweep  # noqa: E402
+from .solver import (  # noqa: E402
+    Outcome,
+    Response,
+    ResponseOutcome,
+    Shooting,
+    Solution,
+    SolveError,
+    TimeStepping,
+    solve,
+    tcam_response,
+)
+from .study import Actuation, Sweep, actuate, sweep  # noqa: E402
 
 __version__ = importlib.metadata.version("cosserat_jax")
 
 __all__ = [
-    "Arm", "Gravity", "Muscle", "Outcome", "Scene", "SceneError", "SectionStiffness", "Shooting", "Solution",
-    "SolveError", "Sweep", "Tip", "Water", "dumps", "load", "parameters", "presets", "replace", "solve", "sweep",
+    "TCAM", "Actuation", "Arm", "Gravity", "LinearConductance", "Muscle", "Outcome", "Pulses", "Response",
+    "ResponseOutcome", "Sampled", "Scene", "SceneError", "SectionStiffness", "Shooting", "Sinusoid", "Solution",
+    "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping", "Tip", "VoltageFunction", "Water", "actuate", "dumps",
+    "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets", "replace", "solve", "sweep",
+    "tcam_response",
 ]  # fmt: skip

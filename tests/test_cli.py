@@ -12,49 +12,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 import xarray
+from command import Ran, Run, contents
 
 import cosserat_jax
-from cosserat_jax.cli import main
 from cosserat_jax.scene import presets, read
 from cosserat_jax.study.checkpoint import Checkpoint
 
 SWEEP = ["sweep", "octopus", "--over", "water.velocity=0.2:0.6:0.1 m/s", "--batch", "2"]
 STUCK = ["--set", "water.velocity=-5 m/s"]  # a strong current from the tip: the arm would snap
 KEYS = ["scene", "outcome", "converged", "message", "residual", "iterations", "steps", "tip", "tip_strain", "tilt_deg"]
-
-
-class Ran(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Ran]
-
-
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Runs one command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words: str) -> Ran:
-        capsys.readouterr()
-        status = main(words)
-        return Ran(status, *capsys.readouterr())
-
-    return run
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every file below `folder` with its bytes, and every folder."""
-    return {str(path): path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
 def stop_at_save(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
@@ -79,7 +51,7 @@ def test_scenes_lists_every_preset_with_its_title(run: Run) -> None:
     assert all(read(name).title in line for name, line in zip(presets(), ran.out.splitlines(), strict=True))
 
 
-@pytest.mark.parametrize("words", [["--help"], ["scenes", "--help"], ["solve", "-h"], ["sweep", "--help"]])
+@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in ("scenes", "solve", "sweep", "actuate"))])
 def test_help_shows_examples_at_every_level(run: Run, words: list[str]) -> None:
     ran = run(*words)
     assert (ran.status, ran.err) == (0, "")
@@ -160,7 +132,7 @@ def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.solve", stopped)
+    monkeypatch.setattr("cosserat_jax.cli.solve.solve", stopped)
     assert run("solve", "octopus") == Ran(130, "", "cosserat-jax: stopped\n")
 
 
@@ -263,7 +235,7 @@ def test_a_sweep_of_one_batch_keeps_nothing_when_it_is_stopped(
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.sweep", stopped)
+    monkeypatch.setattr("cosserat_jax.cli.sweep.sweep", stopped)
     ran = run("sweep", "octopus", "--out", "a.nc")
     assert ran == Ran(130, "", "cosserat-jax: stopped; nothing was written\n")
     assert os.listdir(tmp_path) == []

@@ -9,8 +9,8 @@ import jax
 import matplotlib
 import numpy as np
 import pytest
+from drawn import by_gid, overlapping_words, words
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from cosserat_jax import Outcome, Scene, Shooting, Solution, Sweep, load, replace, sweep
 from cosserat_jax.report import figures
@@ -52,10 +52,6 @@ def with_failures(swept: Sweep, failed: np.ndarray) -> Sweep:
     codes = np.where(failed, np.asarray(Outcome.limit_point._value), solution.outcome._value)
     solution = eqx.tree_at(lambda s: s.outcome._value, dataclasses.replace(solution, **parts), codes)
     return dataclasses.replace(swept, solution=solution)
-
-
-def by_gid(axes, gid: str) -> list:
-    return axes.findobj(lambda artist: artist.get_gid() == gid)
 
 
 def drawn_arm(swept: Sweep):
@@ -133,22 +129,7 @@ def test_a_figure_has_units_equal_aspect_and_one_colour_bar_at_most(swept, draw)
 @named
 def test_labels_do_not_overlap(swept, draw):
     figure = draw(swept)
-    figure.canvas.draw()
-    texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
-    beyond = {id(label) for axes in figure.axes for label in labels_beyond_the_limits(axes)}
-    boxes = [(text.get_text(), text.get_window_extent().shrunk(0.98, 0.98)) for text in texts if id(text) not in beyond]
-    for i, (name, box) in enumerate(boxes):
-        assert not [other for other, other_box in boxes[:i] if box.overlaps(other_box)], name
-
-
-def labels_beyond_the_limits(axes) -> list[Text]:
-    """The labels of ticks that exist but are not drawn."""
-    labels = []
-    for axis in (axes.xaxis, axes.yaxis):
-        low, high = sorted(axis.get_view_interval())
-        outside = [tick for tick in axis.get_major_ticks() if not low <= tick.get_loc() <= high]
-        labels += [label for tick in outside for label in (tick.label1, tick.label2)]
-    return labels
+    assert not overlapping_words(figure)
 
 
 @named
@@ -186,10 +167,6 @@ def test_more_cases_than_panels_are_cut_and_the_note_says_so(swept):
     over = swept.over | {"water.velocity": np.linspace(0.1, 0.8, 8)}
     figure = figures.sweep_figure(dataclasses.replace(swept, over=over, solution=solution))
     assert "4 of 8 cases of water.velocity are drawn" in words(figure)
-
-
-def words(figure: Figure) -> str:
-    return "\n".join(text.get_text() for text in figure.findobj(Text))
 
 
 def test_rods_without_a_solution_are_left_out_and_counted(swept):

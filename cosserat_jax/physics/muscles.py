@@ -1,6 +1,7 @@
 """Muscles as tendons: where each runs at a cross-section and how it pulls there."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,7 +27,8 @@ def pull_at(muscle: Muscle, arm: Arm, s: Scalar, active_to: Scalar, load_fractio
     """
     end = arm.length if muscle.end is None else muscle.end
     slope = muscle.side * (muscle.end_offset - muscle.base_offset) / end
-    tension = load_fraction * muscle.tension
+    given: Any = muscle.tension  # None only in scenes that `actuate` takes, which gives it
+    tension = load_fraction * given
     if muscle.end is not None:
         tension = jnp.where(muscle.end >= active_to, tension, 0.0)
     return Pull(tension, muscle.side * muscle.base_offset + slope * s, slope, muscle.tangent == "unit")

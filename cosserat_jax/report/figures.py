@@ -6,71 +6,36 @@ the others are cases, each a panel or a line style, a few of them at most. A rod
 counted in a note.
 """
 
-import functools as ft
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..scene import Scene
 from ..solver import Solution
-from .arm import draw_directors, legend_handles
+from .arm import draw_directors
 from .layout import Case, Layout
-from .panels import CASE_STYLES, TALL, Frame, Rod, draw_along, draw_arms, draw_tips
+from .page import CURVES, HALF, LABELS, LEGEND, WIDE, WIDTH, explain, footer, printed
+from .panels import CASE_STYLES, TALL, Frame, Rod, case_style, draw_along, draw_arms, draw_tips
 
 if TYPE_CHECKING:
     from ..study import Sweep
 
-_WIDTH = 7.2  # inches, two columns of a journal
-_WIDE, _HALF = _WIDTH - 1.4, _WIDTH / 2 - 0.9  # of it, a panel across the page and one of two, without their labels
-_LABELS, _LEGEND, _CURVES = 0.65, 0.3, 1.6  # inches: title and labels of a panel, the legend, a panel of curves
-_STYLE: Any = {
-    "figure.constrained_layout.use": True,
-    "figure.dpi": 200,
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.5,
-    "hatch.linewidth": 0.5,
-}
 
-
-def _figure(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """The figure that `draw` makes, in the style of all figures."""
-
-    @ft.wraps(draw)
-    def styled(*args: Any, **kwargs: Any) -> Figure:
-        with matplotlib.rc_context(_STYLE):
-            figure = draw(*args, **kwargs)
-            figure.draw_without_rendering()  # ticks take their style when they are first drawn: here, not at savefig
-        return figure
-
-    return styled
-
-
-@_figure
+@printed
 def sweep_figure(swept: "Sweep") -> Figure:
     """A sweep on one page: its arms, a panel for each case, all cases at the colour's largest value, and the tips."""
     layout = Layout.of(swept)
     if len(layout.cases) == 1:
         return _single_case(layout)
     arms = [_coloured(layout, case, most=6) for case in layout.cases]
-    frame = Frame.around(_flat(arms), _HALF)
+    frame = Frame.around(_flat(arms), HALF)
     count = len(arms) + 2 + len(arms) % 2  # the tip's height, and where a place is left in the last row also its angle
-    row = frame.height + _LABELS
-    heights = [row] * (count // 2 - 1) + [max(row, _CURVES + _LABELS)]
-    figure = Figure(figsize=(_WIDTH, sum(heights) + _LEGEND + _footer_height(layout)))
+    row = frame.height + LABELS
+    heights = [row] * (count // 2 - 1) + [max(row, CURVES + LABELS)]
+    figure = Figure(figsize=(WIDTH, sum(heights) + LEGEND + _footer_height(layout)))
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     panels = [figure.add_subplot(grid[i // 2, i % 2]) for i in range(count)]
     coloured, compared, curves = panels[: len(arms)], panels[len(arms)], panels[len(arms) + 1 :]
@@ -79,22 +44,22 @@ def sweep_figure(swept: "Sweep") -> Figure:
     for axes, what in zip(curves, ("height", "theta"), strict=False):
         draw_tips(axes, layout, what)
     _colour_bar(figure, layout, coloured)
-    _explain(figure, _flat(arms))
-    _footer(figure, list(curves[0].lines), layout.note)
+    explain(figure, _flat(arms))
+    footer(figure, list(curves[0].lines), layout.note)
     return figure
 
 
 def _single_case(layout: Layout) -> Figure:
     """A sweep without other cases: the arms above the curves, or beside them where the arms need the height."""
     arms = _coloured(layout, layout.cases[0])
-    frame = Frame.around(arms, _WIDE)
+    frame = Frame.around(arms, WIDE)
     if frame.height < TALL:
-        figure = Figure(figsize=(_WIDTH, frame.height + _CURVES + 2 * _LABELS + _LEGEND))
-        grid = figure.add_gridspec(2, 2, height_ratios=(frame.height + _LABELS, _CURVES + _LABELS))
+        figure = Figure(figsize=(WIDTH, frame.height + CURVES + 2 * LABELS + LEGEND))
+        grid = figure.add_gridspec(2, 2, height_ratios=(frame.height + LABELS, CURVES + LABELS))
         places = grid[0, :], grid[1, 0], grid[1, 1]
     else:
-        frame = Frame.around(arms, _WIDTH / 2)
-        figure = Figure(figsize=(_WIDTH, max(frame.height, TALL) + _LABELS + _LEGEND))
+        frame = Frame.around(arms, WIDTH / 2)
+        figure = Figure(figsize=(WIDTH, max(frame.height, TALL) + LABELS + LEGEND))
         grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
         places = grid[:, 0], grid[0, 1], grid[1, 1]
     panels = [figure.add_subplot(place) for place in places]
@@ -102,26 +67,24 @@ def _single_case(layout: Layout) -> Figure:
     draw_tips(panels[1], layout, "height")
     draw_tips(panels[2], layout, "theta")
     _colour_bar(figure, layout, panels[:1])
-    _explain(figure, arms)
-    _footer(figure, [], layout.note)
+    explain(figure, arms)
+    footer(figure, [], layout.note)
     return figure
 
 
-@_figure
+@printed
 def solve_figure(scenes: Mapping[str, Scene], solutions: Mapping[str, Solution]) -> Figure:
     """Single solves by name: a panel of its arm for each, and all of their N, H, M and beta along s."""
     names = [name for name in scenes if bool(solutions[name].converged)]
     rods = []
     for i, name in enumerate(names):
-        again = {"markerfacecolor": "white"} if i // len(CASE_STYLES) % 2 else {}
-        style = CASE_STYLES[i % len(CASE_STYLES)] | again | {"label": name}
-        rods.append(Rod(scenes[name], solutions[name].fields, style))
+        rods.append(Rod(scenes[name], solutions[name].fields, case_style(i) | {"label": name}))
     columns = 1 if len(rods) == 1 else 2
-    frames = [Frame.around([rod], _WIDE if columns == 1 else _HALF) for rod in rods]
-    heights = [max(frame.height for frame in frames[i : i + columns]) + _LABELS for i in range(0, len(rods), columns)]
+    frames = [Frame.around([rod], WIDE if columns == 1 else HALF) for rod in rods]
+    heights = [max(frame.height for frame in frames[i : i + columns]) + LABELS for i in range(0, len(rods), columns)]
     first = len(heights)
-    heights += [_CURVES + _LABELS] * 2
-    figure = Figure(figsize=(_WIDTH, sum(heights) + _LEGEND * 2))
+    heights += [CURVES + LABELS] * 2
+    figure = Figure(figsize=(WIDTH, sum(heights) + LEGEND * 2))
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     for i, (rod, frame) in enumerate(zip(rods, frames, strict=True)):
         axes = figure.add_subplot(grid[i // 2, i % 2] if columns == 2 else grid[0, :])
@@ -132,63 +95,63 @@ def solve_figure(scenes: Mapping[str, Scene], solutions: Mapping[str, Solution])
         draw_along(axes, rods, what)
     failed = [name for name in scenes if name not in names]
     note = f"no solution, left out: {', '.join(failed)} ({len(failed)} of {len(scenes)})" if failed else ""
-    _explain(figure, rods)
-    _footer(figure, list(curves[0].lines) if columns == 2 else [], note)
+    explain(figure, rods)
+    footer(figure, list(curves[0].lines) if columns == 2 else [], note)
     return figure
 
 
-@_figure
+@printed
 def arms_over_tension(swept: "Sweep") -> Figure:
     """The arms of a sweep over its colour, a panel for each case below the other, directors at every tip."""
     layout = Layout.of(swept)
     arms = [_coloured(layout, case) for case in layout.cases]
-    frame = Frame.around(_flat(arms), _WIDE)
-    figure = Figure(figsize=(_WIDTH, len(arms) * (frame.height + _LABELS) + _LEGEND))
+    frame = Frame.around(_flat(arms), WIDE)
+    figure = Figure(figsize=(WIDTH, len(arms) * (frame.height + LABELS) + LEGEND))
     panels = list(figure.subplots(len(arms), 1, squeeze=False)[:, 0])
     _draw_cases(panels, layout, arms, frame)
     _colour_bar(figure, layout, panels)
-    _explain(figure, _flat(arms))
-    _footer(figure, [], layout.note)
+    explain(figure, _flat(arms))
+    footer(figure, [], layout.note)
     return figure
 
 
-@_figure
+@printed
 def velocities_compared(swept: "Sweep") -> Figure:
     """The cases of a sweep on each other at the largest value of its colour, the heights of their tips named."""
     layout = Layout.of(swept)
     rods = _at_largest(layout)
-    frame = Frame.around(rods, _WIDTH - 0.7)
-    figure = Figure(figsize=(_WIDTH, frame.height + _LABELS + _LEGEND + _footer_height(layout)))
+    frame = Frame.around(rods, WIDTH - 0.7)
+    figure = Figure(figsize=(WIDTH, frame.height + LABELS + LEGEND + _footer_height(layout)))
     draw_arms(figure.add_subplot(), rods, frame, layout.largest, inside=False)
     handles = []
     for rod in rods:
         height = f"tip at {float(rod.fields.y[-1]) * frame.factor:.2f} {frame.unit}"
         label = ": ".join(filter(None, (rod.style["label"], height)))
         handles.append(Line2D([], [], color=rod.style["color"], linestyle=rod.style["linestyle"], label=label))
-    _explain(figure, [])
-    _footer(figure, handles, layout.note)
+    explain(figure, [])
+    footer(figure, handles, layout.note)
     return figure
 
 
-@_figure
+@printed
 def tip_angles(swept: "Sweep") -> Figure:
     """Tilt alpha - theta and angle theta of the tip's section over the colour's values, a line for each case."""
     layout = Layout.of(swept)
-    figure = Figure(figsize=(_WIDTH, _CURVES + 2 * _LABELS + _footer_height(layout)))
+    figure = Figure(figsize=(WIDTH, CURVES + 2 * LABELS + _footer_height(layout)))
     panels = list(figure.subplots(1, 2))
     for axes, what in zip(panels, ("tilt", "theta"), strict=True):
         draw_tips(axes, layout, what)
-    _footer(figure, list(panels[0].lines) if len(layout.cases) > 1 else [], layout.note)
+    footer(figure, list(panels[0].lines) if len(layout.cases) > 1 else [], layout.note)
     return figure
 
 
-@_figure
+@printed
 def tilt_and_stretch_along(swept: "Sweep", case: int = 0) -> Figure:
     """Tilt atan2(eta, nu) and in-plane stretch beta along the rod for some values of the colour, in one case."""
     return _curves_along(Layout.of(swept), case, ("tilt", "beta"))
 
 
-@_figure
+@printed
 def tractions_along(swept: "Sweep", case: int = 0) -> Figure:
     """The paper's tractions N and H and bending moment M along the rod for some values of the colour, in one case."""
     return _curves_along(Layout.of(swept), case, ("N", "H", "M"))
@@ -196,13 +159,13 @@ def tractions_along(swept: "Sweep", case: int = 0) -> Figure:
 
 def _curves_along(layout: Layout, case: int, names: Sequence[str]) -> Figure:
     rods = _coloured(layout, layout.cases[case])
-    figure = Figure(figsize=(_WIDTH, _CURVES + 2 * _LABELS))
+    figure = Figure(figsize=(WIDTH, CURVES + 2 * LABELS))
     panels = list(figure.subplots(1, len(names)))
     for axes, what in zip(panels, names, strict=True):
         draw_along(axes, rods, what)
     panels[0].set_title(layout.cases[case].name)
     _colour_bar(figure, layout, panels)
-    _footer(figure, [], layout.note)
+    footer(figure, [], layout.note)
     return figure
 
 
@@ -228,20 +191,6 @@ def _draw_cases(panels: Sequence[Axes], layout: Layout, arms: Sequence[Sequence[
 def _colour_bar(figure: Figure, layout: Layout, coloured: Sequence[Axes]) -> None:
     if len(layout.values) > 1:
         figure.colorbar(layout.bar, ax=list(coloured), label=layout.axis[1], aspect=35, pad=0.02, panchor=False)
-
-
-def _explain(figure: Figure, rods: Sequence[Rod]) -> None:
-    """Above the panels, what the lines and arrows of the arms mean."""
-    figure.legend(handles=legend_handles([rod.scene for rod in rods]), loc="outside upper center", ncols=5)
-
-
-def _footer(figure: Figure, handles: Sequence[Line2D], note: str) -> None:
-    """Below the panels, the note and which line is which case."""
-    if handles:
-        title = {"title": note, "title_fontsize": 7} if note else {}
-        figure.legend(handles=handles, loc="outside lower center", ncols=2, handlelength=3, **title)
-    elif note:
-        figure.supxlabel(note, fontsize=7)
 
 
 def _footer_height(layout: Layout) -> float:

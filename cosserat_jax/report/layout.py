@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 CASES = 4  # drawn at most
 # lightness rises from one end to the other, so the order reads in grey too; the yellow end is too pale for white paper
-_COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, 256)))
+COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, 256)))
 _PREFIXES = {-6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _ALREADY_PREFIXED = re.compile(r"1|rad\b|deg|kg|m\^")  # these take no further prefix
 
@@ -89,11 +89,11 @@ class Layout:
     def bar(self) -> ScalarMappable:
         """What a colour bar of the colour's values is made from."""
         values, _ = self.axis
-        return ScalarMappable(Normalize(values[0], values[-1]), _COLOURS)
+        return ScalarMappable(Normalize(values[0], values[-1]), COLOURS)
 
     def color(self, value: float) -> Any:
         """The colour of a value in SI."""
-        return _COLOURS(Normalize(self.values[0], self.values[-1])(value))
+        return COLOURS(Normalize(self.values[0], self.values[-1])(value))
 
 
 def spread(items: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " m"]:

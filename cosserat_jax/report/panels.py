@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.text import Text
 
 from ..scene import Scene
 from ..solver import Fields, Solution
@@ -53,37 +54,55 @@ class Frame(NamedTuple):
     y: tuple[float, float]
 
     @classmethod
-    def around(cls, rods: Sequence[Rod], width: float) -> "Frame":
+    def around(cls, rods: Sequence[Rod], width: float, tallest: float = TALL) -> "Frame":
         """The frame that holds every one of these arms and leaves the upper left corner free, `width` inches wide."""
         factor, unit = length_unit(max((float(rod.scene.arm.length) for rod in rods), default=1.0))
         arms = [extent(rod.scene, rod.fields) * factor for rod in rods] or [np.array([[0.0, 0.0], [1.0, 0.4]])]
         points = np.concatenate(arms)
         low, high = points.min(axis=0), points.max(axis=0)
-        inch = max((high[0] - low[0]) / width, (high[1] - low[1]) / TALL)
+        inch = max((high[0] - low[0]) / width, (high[1] - low[1]) / tallest)
         below = points[points[:, 0] < low[0] + CORNER[0] * inch, 1].max()
         top = max(high[1], below + CORNER[1] * inch)
         margin = 0.08 * inch
-        height = min((top - low[1]) / inch, TALL)
+        height = min((top - low[1]) / inch, tallest)
         x, y = (low[0] - margin, high[0] + margin), (low[1] - margin, top + margin)
         return cls(width, height, unit, factor, x, y)
 
 
-def draw_arms(axes: Axes, rods: Sequence[Rod], frame: Frame, title: str, *, inside: bool = True) -> None:
-    """Arms with the directors of their tips, the clamp, and which way current and gravity go."""
+def case_style(i: int) -> dict[str, Any]:
+    """The style of line `i`; where there are more lines than styles they come again with white markers."""
+    again = {"markerfacecolor": "white"} if i // len(CASE_STYLES) % 2 else {}
+    return CASE_STYLES[i % len(CASE_STYLES)] | again
+
+
+def draw_arms(
+    axes: Axes, rods: Sequence[Rod], frame: Frame, title: str, *, inside: bool = True, none: str = "no solution"
+) -> None:
+    """Arms with the directors of their tips on their stage; the words `none` where there are no arms."""
+    draw_rods(axes, rods, frame, inside=inside)
+    draw_stage(axes, rods, frame, title)
+    if not rods:
+        say(axes, none)
+
+
+def draw_stage(axes: Axes, rods: Sequence[Rod], frame: Frame, title: str) -> None:
+    """What is around these arms: the clamp, which way current and gravity go, the axes in units of length."""
+    for arm in {float(rod.scene.arm.base_angle): rod.scene.arm for rod in rods}.values():
+        draw_clamp(axes, arm, frame.factor)
+    if rods:
+        draw_surroundings(axes, [rod.scene for rod in rods])
+    labels = {"xlabel": f"$x$ [{frame.unit}]", "ylabel": f"$y$ [{frame.unit}]", "title": title}
+    axes.set(xlim=frame.x, ylim=frame.y, aspect="equal", anchor="W", **labels)
+
+
+def draw_rods(axes: Axes, rods: Sequence[Rod], frame: Frame, *, inside: bool = True) -> None:
+    """Arms with the directors of their tips, and nothing around them."""
     factor, scale = frame.factor, 1.0 if frame.width > _TIGHT else 0.65
     for rod in rods:
         color, linestyle = rod.style["color"], "-" if inside else rod.style["linestyle"]
         draw_arm(axes, rod.scene, rod.fields, factor, color=color, linestyle=linestyle, inside=inside)
     for rod in rods:
         draw_directors(axes, rod.scene.arm, rod.fields, factor, scale=scale)
-    for arm in {float(rod.scene.arm.base_angle): rod.scene.arm for rod in rods}.values():
-        draw_clamp(axes, arm, factor)
-    if rods:
-        draw_surroundings(axes, [rod.scene for rod in rods])
-    else:
-        _say(axes, "no solution")
-    labels = {"xlabel": f"$x$ [{frame.unit}]", "ylabel": f"$y$ [{frame.unit}]", "title": title}
-    axes.set(xlim=frame.x, ylim=frame.y, aspect="equal", anchor="W", **labels)
 
 
 def draw_tips(axes: Axes, layout: Layout, what: str) -> None:
@@ -108,7 +127,7 @@ def draw_along(axes: Axes, rods: Sequence[Rod], what: str) -> None:
         markers = _markers(len(curve), i, len(rods))
         axes.plot(np.asarray(rod.fields.s) * length, curve * factor, markevery=markers, **rod.style)
     if finite.size == 0:
-        _say(axes, "not defined:\ninfinite stiffness" if rods else "no solution")
+        say(axes, "not defined:\ninfinite stiffness" if rods else "no solution")
     axes.set(xlabel=f"$s$ [{length_name}]", ylabel=f"{name} {bracketed(unit)}")
 
 
@@ -118,5 +137,8 @@ def _markers(points: int, line: int, lines: int) -> tuple[int, int]:
     return line * step // lines, step
 
 
-def _say(axes: Axes, words: str) -> None:
-    axes.text(0.5, 0.5, words, transform=axes.transAxes, horizontalalignment="center", verticalalignment="center")
+def say(axes: Axes, words: str) -> Text:
+    """Writes in the middle of the axes why there is nothing to see."""
+    return axes.text(
+        0.5, 0.5, words, transform=axes.transAxes, horizontalalignment="center", verticalalignment="center"
+    )

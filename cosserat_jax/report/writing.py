@@ -34,13 +34,13 @@ def output_place(option: str, file: str, suffixes: Collection[str]) -> Path:
     return place
 
 
-def figure_place(option: str, file: str) -> Path:
-    """As `output_place`, for a figure in any format that matplotlib writes."""
+def figure_place(option: str, file: str, more: Collection[str] = ()) -> Path:
+    """As `output_place`, for a figure in any format that matplotlib writes, or with one of `more` suffixes."""
     from matplotlib.backend_bases import FigureCanvasBase
 
     # matplotlib asks a TeX installation for the size of every word in a pgf figure
     kinds = sorted(kind for kind in FigureCanvasBase.get_supported_filetypes() if kind != "pgf")
-    return output_place(option, file, [f".{kind}" for kind in kinds])
+    return output_place(option, file, list(dict.fromkeys([f".{kind}" for kind in kinds] + list(more))))
 
 
 def batches_place(data: Path) -> Path:

@@ -13,8 +13,8 @@ import numpy as np
 
 from .parts import Scene
 from .paths import lookup, nearest
-from .quantity import Choice, Quantity, SceneError, declaration
-from .units import range_to_si, to_si
+from .quantity import Choice, Count, Function, Quantity, SceneError, Series, declaration
+from .units import range_to_si, series_to_si, to_si
 
 
 class SceneFile(NamedTuple):
@@ -55,7 +55,10 @@ def presets() -> tuple[str, ...]:
 
 
 def dumps(scene: Scene) -> str:
-    """`scene` as the text of a scene file, in SI, that `load` reads back to the same numbers."""
+    """`scene` as the text of a scene file, in SI, that `load` reads back to the same numbers.
+
+    Raises `SceneError` for a voltage or a law that is a Python function.
+    """
     lines: list[str] = []
     _write_table(scene, "", lines)
     return "\n".join(lines).strip() + "\n"
@@ -103,7 +106,11 @@ def _build(kind: type[eqx.Module], table: Any, prefix: str) -> Any:
 
 
 def _value(field: dataclasses.Field, hint: Any, given: Any, path: str) -> Any:
-    rule = declaration(field)
+    rule, kinds = declaration(field), field.metadata.get("kinds")
+    if isinstance(rule, Function):
+        raise SceneError(f"{path}: a function cannot be given in a file; allowed: give it in Python")
+    if isinstance(rule, Count):
+        return given
     if isinstance(rule, Choice):
         if given not in rule.values or isinstance(given, bool) != isinstance(rule.values[0], bool):
             raise SceneError(f"{path}: {given!r} is not allowed; allowed: {rule}")
@@ -116,12 +123,25 @@ def _value(field: dataclasses.Field, hint: Any, given: Any, path: str) -> Any:
         return tuple(to_si(item, rule.unit, f"{path}.{i}") for i, item in enumerate(given))
     if isinstance(rule, Quantity):
         return to_si(given, rule.unit, path)
+    if isinstance(rule, Series):
+        return series_to_si(given, rule.unit, path)
+    if kinds is not None:
+        return _build_kind(kinds, given, path)
     kind = next(arg for arg in (hint, *typing.get_args(hint)) if isinstance(arg, type) and issubclass(arg, eqx.Module))
     if typing.get_origin(hint) is not tuple:
         return _build(kind, given, f"{path}.")
     if not isinstance(given, list):
         raise SceneError(f"{path}: {given!r} is not allowed; allowed: tables [[{path}]]")
     return tuple(_build(kind, item, f"{path}.{i}.") for i, item in enumerate(given))
+
+
+def _build_kind(kinds: dict[str, type], given: Any, path: str) -> Any:
+    if not isinstance(given, dict):
+        raise SceneError(f"{path}: {given!r} is not allowed; allowed: a table [{path}]")
+    name = given.get("kind", next(iter(kinds)))
+    if not isinstance(name, str) or name not in kinds:
+        raise SceneError(f"{path}.kind: {name!r} is not allowed; allowed: {' or '.join(map(repr, kinds))}")
+    return _build(kinds[name], {key: value for key, value in given.items() if key != "kind"}, f"{path}.")
 
 
 def _build_sweep(scene: Scene, table: Any) -> dict[str, np.ndarray]:
@@ -145,17 +165,31 @@ def _write_table(part: Any, prefix: str, lines: list[str]) -> None:
         if value is None:
             continue
         if rule is None:
-            nested.append((f"{prefix}{field.name}", value))
-        elif isinstance(rule, Choice):
+            nested.append((field, value))
+        elif isinstance(rule, Function):
+            raise SceneError(f"{prefix}{field.name}: a Python function has no text")
+        elif isinstance(rule, Series):
+            lines.append(f"{field.name} = [{', '.join(_literal(item) for item in value)}]  # {rule.unit}")
+        elif isinstance(rule, Choice | Count):
             lines.append(f"{field.name} = {_literal(value)}")
         elif rule.components > 1:
             lines.append(f"{field.name} = [{', '.join(_literal(item) for item in value)}]  # {rule.unit}")
         else:
             lines.append(f"{field.name} = {_literal(value)}  # {rule.unit}")
-    for name, value in nested:
+    for field, value in nested:
+        name, kinds = f"{prefix}{field.name}", field.metadata.get("kinds")
         for item in value if isinstance(value, tuple) else (value,):
             lines += ["", f"[[{name}]]" if isinstance(value, tuple) else f"[{name}]"]
+            if kinds is not None:
+                lines += [f'kind = "{kind}"' for kind in _kinds_of(item, kinds, name)]
             _write_table(item, f"{name}.", lines)
+
+
+def _kinds_of(item: Any, kinds: dict[str, type], path: str) -> list[str]:
+    found = [name for name, kind in kinds.items() if type(item) is kind]
+    if not found:
+        raise SceneError(f"{path}: a Python function has no text")
+    return found
 
 
 def _literal(value: Any) -> str:

@@ -24,6 +24,7 @@ from .quantity import (
     quantity,
     vector,
 )
+from .tcam import TCAM
 from .validate import validate
 
 
@@ -71,17 +72,19 @@ class Arm(eqx.Module):
 class Muscle(eqx.Module):
     """A muscle from the base to s = `end`, at the signed offset y(s) = side (a + (b - a) s / end) from the centerline.
 
-    - `base_offset` a [m], `end_offset` b [m], `end` [m] (None: the arm's length), `tension` T [N].
+    - `base_offset` a [m], `end_offset` b [m], `end` [m] (None: the arm's length).
+    - `tension` T [N], or `tcam`, a `TCAM` whose voltage makes it: see `actuate`.
     - `tangent`: "printed" pulls with T t_c as the paper does, t_c = d r_c / ds not normalised; "unit" with
       T t_c / |t_c|, the frictionless tendon of the tendon-robot literature. A unit muscle may run outside the arm.
     """
 
     base_offset: Scalar = quantity("m", NOT_NEGATIVE)
     end_offset: Scalar = quantity("m", NOT_NEGATIVE)
-    tension: Scalar = quantity("N", NOT_NEGATIVE)
+    tension: Scalar | None = quantity("N", NOT_NEGATIVE, default=None)
     end: Scalar | None = quantity("m", POSITIVE, default=None)
     side: Literal[1, -1] = choice(1, -1, default=1)
     tangent: Literal["printed", "unit"] = choice("printed", "unit", default="printed")
+    tcam: TCAM | None = None
 
 
 class Water(eqx.Module):

@@ -8,8 +8,8 @@ from typing import Any
 import jax
 
 from .parts import Scene
-from .quantity import Choice, Quantity, SceneError, declaration
-from .units import to_si
+from .quantity import Choice, Count, Declaration, Function, Quantity, SceneError, Series, declaration
+from .units import series_to_si, to_si
 
 
 def parameters(scene: Scene) -> dict[str, Any]:
@@ -18,7 +18,7 @@ def parameters(scene: Scene) -> dict[str, Any]:
     return {".".join(_key_name(key) for key in keys): leaf for keys, leaf in leaves}
 
 
-def lookup(scene: Scene, path: str) -> tuple[Any, Quantity | Choice]:
+def lookup(scene: Scene, path: str) -> tuple[Any, Declaration]:
     """The value at `path` (None for one that is left out) and its declaration. Raises `SceneError` for no such path."""
     part, rule = scene, None
     for depth, key in enumerate(path.split(".")):
@@ -41,7 +41,7 @@ def lookup(scene: Scene, path: str) -> tuple[Any, Quantity | Choice]:
 def unit_of(scene: Scene, path: str) -> str:
     """The SI unit of the parameter at `path`; "1" for one without a unit."""
     _, rule = lookup(scene, path)
-    return rule.unit if isinstance(rule, Quantity) else "1"
+    return rule.unit if isinstance(rule, Quantity | Series) else "1"
 
 
 def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -57,7 +57,13 @@ def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
     return _replaced(scene, {tuple(path.split(".")): value for path, value in parsed.items()})
 
 
-def _parsed(text: str, rule: Quantity | Choice, path: str) -> Any:
+def _parsed(text: str, rule: Declaration, path: str) -> Any:
+    if isinstance(rule, Function):
+        raise SceneError(f"{path}: {text!r} is not allowed; allowed: a function, given in Python")
+    if isinstance(rule, Count):
+        return int(text) if text.strip().isdecimal() else text
+    if isinstance(rule, Series):
+        return series_to_si(text, rule.unit, path)
     if isinstance(rule, Choice):
         return next((value for value in rule.values if str(value).lower() == text.strip().lower()), text)
     if rule.components > 1:

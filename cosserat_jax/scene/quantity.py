@@ -1,14 +1,17 @@
 """What a parameter is: its unit, the values it may take, the choices it may be.
 
-Every field of a scene module is declared with `quantity`, `vector` or `choice`. The declaration is the only place
-that knows the unit and the range: the TOML reader, the validation, the datasets and the error messages read it there.
+Every field of a scene module is declared with `quantity`, `vector`, `series`, `choice`, `count` or `function`. The
+declaration is the only place that knows the unit and the range: the TOML reader, the validation, the datasets and the
+error messages read it there. A field that holds one of several kinds of part is declared with `part`.
 """
 
 import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.core
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -54,6 +57,23 @@ class Quantity(NamedTuple):
     components: int = 1
 
 
+class Series(NamedTuple):
+    """Declaration of a list of floats of any length: SI unit, allowed values of each."""
+
+    unit: str
+    allowed: Interval
+
+
+class Count(NamedTuple):
+    """Declaration of a static whole number from 1 to `highest`. It decides which program is compiled."""
+
+    highest: int = 100_000
+
+
+class Function(NamedTuple):
+    """Declaration of a function, which Python can give and text cannot."""
+
+
 class Choice(NamedTuple):
     """Declaration of a static parameter: the values it may take. It decides which program is compiled."""
 
@@ -73,14 +93,51 @@ def vector(unit: str, components: int, **kwargs: Any) -> Any:
     return eqx.field(metadata={"declares": Quantity(unit, ANY, components)}, **kwargs)
 
 
+def series(unit: str, **kwargs: Any) -> Any:
+    """A field that holds an array of floats in SI `unit`, of shape (n,), one leaf of the scene's pytree."""
+    return eqx.field(metadata={"declares": Series(unit, ANY)}, converter=_as_array, **kwargs)
+
+
+def _as_array(values: Any) -> Any:
+    return values if isinstance(values, jax.core.Tracer | jax.Array) else np.asarray(values, dtype=float)
+
+
+def count(**kwargs: Any) -> Any:
+    """A static field that is a whole number."""
+    return eqx.field(static=True, metadata={"declares": Count()}, **kwargs)
+
+
+def function(**kwargs: Any) -> Any:
+    """A field that holds a function: an equinox module, whose numbers are leaves, or a plain one."""
+    return eqx.field(metadata={"declares": Function()}, converter=as_pytree, **kwargs)
+
+
+def as_pytree(called: Any) -> Any:
+    """`called` as a function that JAX takes for a pytree: a plain one is static, a module keeps its leaves."""
+    return called if called is None or isinstance(called, eqx.Module) else jax.tree_util.Partial(called)
+
+
+def part(kinds: dict[str, type], **kwargs: Any) -> Any:
+    """A field that holds a part of one of several kinds, named in text by the key `kind`; the first if it is absent."""
+    return eqx.field(metadata={"kinds": kinds}, **kwargs)
+
+
 def choice(*values: Any, **kwargs: Any) -> Any:
     """A static field that is one of `values`."""
     return eqx.field(static=True, metadata={"declares": Choice(values)}, **kwargs)
 
 
-def declaration(field: dataclasses.Field) -> Quantity | Choice | None:
+Declaration = Quantity | Series | Choice | Count | Function
+
+
+def declaration(field: dataclasses.Field) -> Declaration | None:
     """What a field was declared as; None for a field that holds a part or a list of parts."""
     return field.metadata.get("declares")
+
+
+def as_floats(tree: Any) -> Any:
+    """`tree` with every number in it a double-precision array, which JAX traces: another value is no recompile."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float) if eqx.is_array_like(leaf) else leaf, tree)
 
 
 def concrete(value: Any) -> np.ndarray | None:

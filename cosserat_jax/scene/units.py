@@ -9,13 +9,16 @@ import numpy as np
 from .quantity import SceneError
 
 _LONGEST_RANGE = 1_000_000
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 @ft.cache
 def _registry() -> Any:
     import pint  # here, not above: importing the package must not cost what a unit parser costs
 
-    return pint.UnitRegistry()
+    registry = pint.UnitRegistry()
+    registry.define("hertz = turn / second = Hz")  # pint's own is 1/s, so that 1 Hz would be 1 rad/s
+    return registry
 
 
 def to_si(value: Any, unit: str, where: str) -> float:
@@ -30,10 +33,18 @@ def to_si(value: Any, unit: str, where: str) -> float:
         return _convert(_parse(value, unit, where), value, unit, where)
 
 
+def series_to_si(given: Any, unit: str, where: str) -> np.ndarray:
+    """A list of quantities, or the text of a range, as an array of floats in SI `unit`."""
+    if isinstance(given, str):
+        return range_to_si(given, unit, where)
+    if not isinstance(given, list):
+        raise SceneError(f'{where}: {given!r} is not allowed; allowed: a list of quantities, or "V1, V2 {unit}"')
+    return np.array([to_si(item, unit, f"{where}.{i}") for i, item in enumerate(given)], dtype=float)
+
+
 def range_to_si(text: str, unit: str, where: str) -> np.ndarray:
     """The values of "START:STOP:STEP UNIT" (STOP included) or "V1, V2, ... UNIT" in SI `unit`, of shape (n,)."""
-    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-    matched = re.fullmatch(rf"\s*({number}(?:\s*[:,]\s*{number})*)\s*(.*)", text, re.DOTALL)
+    matched = re.fullmatch(rf"\s*({_NUMBER}(?:\s*[:,]\s*{_NUMBER})*)\s*(.*)", text, re.DOTALL)
     if matched is None:
         raise SceneError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
     numbers, given_unit = matched.groups()
@@ -61,10 +72,11 @@ def _stepped(start: float, stop: float, step: float, text: str, where: str) -> n
 
 
 def _parse(text: str, unit: str, where: str) -> Any:
-    if not re.match(r"\s*[-+]?(\d|\.\d|inf|nan)", text):
+    number = re.match(rf"\s*({_NUMBER}|[-+]?(?:inf|nan)\b)\s*", text)
+    if number is None:
         raise SceneError(f"{where}: {text!r} is not a quantity in {unit}; allowed: a number and a unit")
-    try:
-        return _registry().Quantity(text)
+    try:  # the two apart: pint takes "98 degC" for a product with degC, which has no meaning
+        return _registry().Quantity(float(number[1]), text[number.end() :])
     except Exception as error:  # pint raises a dozen kinds, from its tokenizer's to its own
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SceneError(f"{where}: {text!r} is not a quantity in {unit} ({reason})") from None

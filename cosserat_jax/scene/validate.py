@@ -13,29 +13,34 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .quantity import Choice, Quantity, SceneError, concrete, declaration
+from .quantity import Choice, Count, Quantity, SceneError, Series, concrete, declaration
+from .tcam import TCAM
+from .voltage import AbstractVoltage, Pulses, Sampled
 
 
 def validate(scene: Any) -> None:
     """Raises `SceneError` for the first value of `scene` that is not allowed."""
-    for path, field, value in declared(scene):
-        rule = declaration(field)
-        if isinstance(rule, Choice) and value not in rule.values:
-            raise SceneError(f"{path}: {value!r} is not allowed; allowed: {rule}")
-        if isinstance(rule, Quantity) and value is not None:
-            _check_quantity(path, value, rule)
+    _check_declared(scene)
     _check_material(scene.arm)
     for i, muscle in enumerate(scene.muscles):
         _check_muscle(f"muscles.{i}", muscle, scene.arm)
+        _check_source(f"muscles.{i}", muscle)
+
+
+def validate_tcam(tcam: TCAM, path: str = "tcam") -> None:
+    """Raises `SceneError` for the first value of `tcam`, which stands at `path`, that is not allowed."""
+    _check_declared(tcam, f"{path}.")
+    _check_voltage(f"{path}.voltage", tcam.voltage)
+    _check_above_ambient(path, tcam)
 
 
 def is_allowed(scene: Any) -> Array:
     """Whether every quantity of `scene` is in its own range, as a value that JAX can trace."""
     quantities = [(value, declaration(field)) for _, field, value in declared(scene) if value is not None]
     held = [
-        rule.allowed.holds(jnp.asarray(number))
+        rule.allowed.holds(jnp.asarray(number)).all()
         for value, rule in quantities
-        if isinstance(rule, Quantity)
+        if isinstance(rule, Quantity | Series)
         for number in jax.tree.leaves(value)
     ]
     return jnp.stack(held).all()
@@ -50,14 +55,26 @@ def declared(part: Any, prefix: str = "") -> Iterator[tuple[str, dataclasses.Fie
         elif isinstance(value, tuple):
             for i, item in enumerate(value):
                 yield from declared(item, f"{path}.{i}.")
-        elif value is not None:
+        elif dataclasses.is_dataclass(value):  # and not a function that a user wrote
             yield from declared(value, f"{path}.")
 
 
-def _check_quantity(path: str, value: Any, rule: Quantity) -> None:
-    values = value if rule.components > 1 else (value,)
-    if rule.components > 1 and (not isinstance(value, tuple | list) or len(value) != rule.components):
-        raise SceneError(f"{path}: {value!r} is not allowed; allowed: {rule.components} components [{rule.unit}]")
+def _check_declared(part: Any, prefix: str = "") -> None:
+    for path, field, value in declared(part, prefix):
+        rule = declaration(field)
+        if isinstance(rule, Choice) and value not in rule.values:
+            raise SceneError(f"{path}: {value!r} is not allowed; allowed: {rule}")
+        if isinstance(rule, Count) and not (type(value) is int and 1 <= value <= rule.highest):
+            raise SceneError(f"{path}: {value!r} is not allowed; allowed: a whole number, 1 to {rule.highest}")
+        if isinstance(rule, Quantity | Series) and value is not None:
+            _check_quantity(path, value, rule)
+
+
+def _check_quantity(path: str, value: Any, rule: Quantity | Series) -> None:
+    components = rule.components if isinstance(rule, Quantity) else 1
+    values = value if components > 1 else (value,)
+    if components > 1 and (not isinstance(value, tuple | list) or len(value) != components):
+        raise SceneError(f"{path}: {value!r} is not allowed; allowed: {components} components [{rule.unit}]")
     for component in values:
         try:
             number = concrete(component)
@@ -98,6 +115,48 @@ def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
                 f"{path}.{name}: {_first(offset, bad):g} lies outside the arm; "
                 f"allowed: 0 to {_first(radius, bad):g} [m], its radius there, or tangent = 'unit'"
             )
+
+
+def _check_source(path: str, muscle: Any) -> None:
+    """A muscle's tension is given or made by a TCAM."""
+    if muscle.tension is None and muscle.tcam is None:
+        raise SceneError(f"{path}.tension: missing; give it, or a table {path}.tcam that makes it")
+    if muscle.tension is not None and muscle.tcam is not None:
+        raise SceneError(f"{path}.tension: given beside {path}.tcam, which makes it; allowed: the one or the other")
+    if muscle.tcam is not None:
+        if not isinstance(muscle.tcam, TCAM):
+            raise SceneError(f"{path}.tcam: {muscle.tcam!r} is not allowed; allowed: a TCAM")
+        validate_tcam(muscle.tcam, f"{path}.tcam")
+
+
+def _check_voltage(path: str, voltage: Any) -> None:
+    if voltage is not None and not isinstance(voltage, AbstractVoltage):
+        raise SceneError(f"{path}: {voltage!r} is not allowed; allowed: a voltage or a function of time")
+    if isinstance(voltage, Pulses):
+        allowed = "at most {:g} [s], the period"
+        _check_order(f"{path}.width", voltage.width, voltage.period, np.less_equal, allowed)
+    if isinstance(voltage, Sampled):
+        times, values = np.shape(voltage.times), np.shape(voltage.values)
+        if times != values or times[-1:] < (2,):
+            raise SceneError(f"{path}: {times} times and {values} values; allowed: as many of the one, at least 2")
+        seconds = concrete(voltage.times)
+        if seconds is not None and (bad := np.diff(seconds) <= 0).any():
+            raise SceneError(f"{path}.times: {_first(seconds[..., 1:], bad):g} [s] does not come after the one before")
+
+
+def _check_above_ambient(path: str, tcam: TCAM) -> None:
+    allowed = "more than {:g} [K], the ambient temperature"
+    for name in ("limit_temperature", "reference_temperature"):
+        _check_order(f"{path}.{name}", getattr(tcam, name), tcam.ambient_temperature, np.greater, allowed)
+
+
+def _check_order(path: str, value: Any, other: Any, holds: np.ufunc, allowed: str) -> None:
+    """That `holds(value, other)`, where both can be looked at."""
+    first, second = concrete(value), concrete(other)
+    if first is not None and second is not None and (bad := ~holds(first, second)).any():
+        raise SceneError(
+            f"{path}: {_first(first, bad):g} is not allowed; allowed: {allowed.format(_first(second, bad))}"
+        )
 
 
 def _first(values: np.ndarray, where: np.ndarray) -> float:

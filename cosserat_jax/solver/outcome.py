@@ -25,6 +25,24 @@ class Outcome(eqx.Enumeration):
     bad_input = "a parameter is NaN, infinite or out of its range; check the scene"
 
 
-def outcome_codes() -> dict[str, int]:
-    """The members of `Outcome` by name, each with the integer that stands for it in an array."""
-    return {name: int(item._value) for name, item in Outcome._name_to_item.items()}
+class ResponseOutcome(eqx.Enumeration):
+    """What came of a TCAM's response over time; `ResponseOutcome[member]` is the sentence."""
+
+    followed = "followed to the last of the times"
+    overheated = (
+        "the muscle is hotter than its limit temperature, beyond which it may fail; lower or shorten the voltage, or "
+        "give the conductance of the water around it"
+    )
+    no_coil = (
+        "these constants make no coil: its angle has a cosine outside 0 to 1; check fiber_length, turns, fiber_radius, "
+        "the two moduli and coiling_mass"
+    )
+    integration_failed = (
+        "the integration in time did not finish; raise max_steps, loosen rtol and atol, or use an implicit solver such "
+        "as diffrax.Kvaerno5()"
+    )
+
+
+def outcome_codes(kind: type[eqx.Enumeration] = Outcome) -> dict[str, int]:
+    """The members of `Outcome`, or of `kind`, by name, each with the integer that stands for it in an array."""
+    return {name: int(item._value) for name, item in kind._name_to_item.items()}

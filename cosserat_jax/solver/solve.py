@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 
 from ..physics.rod import Rod, derivative
 from ..physics.section import stiffness_at
-from ..scene import Scene
+from ..scene import Scene, SceneError
+from ..scene.quantity import as_floats
 from .equilibrium import at_root
 from .integrate import Shot, shoot
 from .method import Shooting
@@ -33,12 +34,15 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
 
     Raises `SolveError` with the outcome's sentence if the rod has no solution, unless `throw` is False. While JAX is
     tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution.
-    Raises `RuntimeError` if double precision is off.
+    Raises `RuntimeError` if double precision is off, and `SceneError` for a scene with a muscle that a TCAM drives: its
+    tension changes with time, which is what `actuate` is for.
     """
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
-    floats = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
-    solution = _solve(floats, Shooting() if method is None else method)
+    for i, muscle in enumerate(scene.muscles):
+        if muscle.tension is None:
+            raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
+    solution = _solve(as_floats(scene), Shooting() if method is None else method)
     outcome = solution.outcome._value
     if throw and not isinstance(outcome, jax.core.Tracer) and not solution.converged.all():
         raise SolveError(f"{Outcome[solution.outcome]} (reached {float(solution.load_fraction):.3g} of the load)")

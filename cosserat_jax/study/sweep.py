@@ -16,6 +16,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
+from ..scene.quantity import as_floats
 from ..solver import Shooting, Solution, solve
 from .checkpoint import Checkpoint
 
@@ -76,7 +77,7 @@ def sweep(
     rows = [np.minimum(np.arange(start, start + size), count - 1) for start in range(0, count, size)]
     batches = [{path: jnp.asarray(axis[chosen]) for path, axis in rods.items()} for chosen in rows]
     store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, size))
-    floats = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)  # traced, so that another value is no recompile
+    floats = as_floats(scene)
     chunks = [_solved(floats, one, method, store, i) for i, one in enumerate(_shown(batches, progress))]
     leaves = [np.concatenate(parts)[:count] for parts in zip(*chunks, strict=True)]
     tree = jax.tree.structure(eqx.filter_eval_shape(_solve_batch, floats, batches[0], method))

@@ -1,0 +1,5 @@
+"""Floor 5, show: the command line."""
+
+from .program import main
+
+__all__ = ["main"]

@@ -1,0 +1,114 @@
+"""What a solution becomes in a dataset: one variable for each of its numbers, with unit and long name."""
+
+import datetime
+import json
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..scene import Scene, SceneError, dumps
+from ..solver import Outcome, Solution, outcome_codes
+
+Dims = tuple[str, ...]
+Variable = tuple[Dims, np.ndarray, dict[str, Any]]
+
+# name: (unit, long name)
+_TIP = {
+    "x": ("m", "tip position along e1"),
+    "y": ("m", "tip height over the base"),
+    "theta": ("rad", "angle of the tip's cross-section"),
+}
+_TIP_STRAIN = {
+    "nu": ("1", "stretch at the tip"),
+    "eta": ("1", "shear at the tip"),
+    "mu": ("1/m", "curvature at the tip"),
+    "beta": ("1", "in-plane stretch of the tip's cross-section"),
+}
+_FIELDS = {
+    "x": ("m", "centerline position along e1"),
+    "y": ("m", "centerline height over the base"),
+    "theta": ("rad", "angle of the cross-section"),
+    "nu": ("1", "stretch"),
+    "eta": ("1", "shear"),
+    "mu": ("1/m", "curvature"),
+    "beta": ("1", "in-plane stretch of the cross-section"),
+    "N": ("Pa", "normal traction"),
+    "H": ("Pa", "shear traction"),
+    "M": ("Pa/m", "bending moment per second moment of area"),
+    "force_x": ("N", "total force of section and muscles along e1"),
+    "force_y": ("N", "total force of section and muscles along e2"),
+    "moment": ("N*m", "total moment of section and muscles"),
+}
+_STATS = {
+    "residual": ("1", "error of the clamp at the base, in radians and lengths of the arm"),
+    "iterations": ("1", "integrations with their Jacobian"),
+    "steps": ("1", "steps of the last integration"),
+    "load_fraction": ("1", "part of the load up to which the equilibrium was followed"),
+}
+
+
+def solution_variables(dims: Dims, solution: Solution) -> dict[str, Variable]:
+    """Every number of `solution`, whose leading axes are `dims`; the fields have an axis `s` after them.
+
+    The tip's are `tip_x` and so on, the fields `x y theta nu eta mu beta N H M force_x force_y moment`; then `tilt`,
+    `outcome` with its flag meanings, `converged`, `residual`, `iterations`, `steps`, `load_fraction`.
+    """
+    data: dict[str, Variable] = {}
+    for name, (unit, meaning) in _TIP.items():
+        data[f"tip_{name}"] = variable(dims, getattr(solution.tip, name), unit, meaning)
+    for name, (unit, meaning) in _TIP_STRAIN.items():
+        data[f"tip_{name}"] = variable(dims, getattr(solution.tip_strain, name), unit, meaning)
+    data["tilt"] = variable(dims, solution.tilt, "rad", "tilt of the tip's cross-section, alpha - theta")
+    for name, (unit, meaning) in _STATS.items():
+        data[name] = variable(dims, getattr(solution, name), unit, meaning)
+    converged = np.asarray(solution.converged, np.int8)
+    data["converged"] = variable(dims, converged, "1", "1 where the equilibrium was found")
+    data["outcome"] = outcome_variable(dims, solution.outcome, Outcome, "what came of the rod")
+    for name, (unit, meaning) in _FIELDS.items():
+        data[name] = variable((*dims, "s"), getattr(solution.fields, name), unit, meaning)
+    return data
+
+
+def variable(dims: Dims, values: Any, unit: str, meaning: str) -> Variable:
+    """A variable, or a coordinate, with its unit and long name."""
+    return dims, np.asarray(values), {"units": unit, "long_name": meaning}
+
+
+def outcome_variable(dims: Dims, outcome: Any, kind: type[eqx.Enumeration], meaning: str) -> Variable:
+    """The codes of `outcome`, an array of members of `kind`, with the name of each code in the attributes."""
+    (codes,) = jax.tree.leaves(outcome)
+    known = outcome_codes(kind)
+    flags = {"flag_values": np.array(list(known.values()), np.int8), "flag_meanings": " ".join(known)}
+    where, values, attributes = variable(dims, np.asarray(codes, np.int8), "1", meaning)
+    return where, values, attributes | flags
+
+
+def arc_length(scene: Scene, points: int) -> Variable:
+    """The coordinate `s` [m] of an arm of this length."""
+    return variable(("s",), np.linspace(0, float(scene.arm.length), points), "m", "undeformed arc length from the base")
+
+
+def provenance(title: str, scene: Scene) -> dict[str, str]:
+    """The attributes of a dataset: what it is, of which scene, and by what it was made."""
+    import diffrax
+    import xarray
+
+    from .. import __version__
+
+    versions = {"cosserat_jax": __version__, "jax": jax.__version__, "diffrax": diffrax.__version__}
+    return {
+        "title": title,
+        "scene": _scene_text(scene),
+        "versions": json.dumps(versions | {"numpy": np.__version__, "xarray": xarray.__version__}),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "source": "Golestaneh, Cichella & Lamuta: quasi-static continuum model of an octopus-like arm driven by TCAMs",
+    }
+
+
+def _scene_text(scene: Scene) -> str:
+    try:
+        return dumps(scene)
+    except SceneError as error:
+        return f"not written: {error}"

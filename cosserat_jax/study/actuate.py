@@ -1,0 +1,83 @@
+"""`actuate`: from the voltage on the muscles to the motion of the arm."""
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from ..scene import TCAM, Scene, SceneError
+from ..scene.quantity import as_floats
+from ..solver import Response, Shooting, Solution, TimeStepping, check_times, solve, tcam_response
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Actuation(eqx.Module):
+    """An arm driven by TCAMs at `times` [s]: what each muscle did, and the arm's equilibrium at each instant.
+
+    - `responses`: by the number of the muscle in the scene, the `Response` of each that a TCAM drives.
+    - `solution`: every array with a leading axis over the times, each instant with its own outcome; one that has no
+      equilibrium is NaN and leaves no trace in the others.
+    """
+
+    scene: Scene
+    times: Float[Array, " times"]
+    responses: dict[int, Response]
+    solution: Solution
+
+    def tcam(self, i: int) -> TCAM:
+        """The TCAM of the driven muscle `i`."""
+        tcam = self.scene.muscles[i].tcam
+        assert tcam is not None, "a muscle with a response has the TCAM that gave it"
+        return tcam
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A dataset over `time` and `s`, the muscles' variables also over `muscle`, with units and long names."""
+        from ..report.dataset import actuation_dataset
+
+        return actuation_dataset(self)
+
+
+def actuate(
+    scene: Scene, times: ArrayLike, method: Shooting | None = None, *, stepping: TimeStepping | None = None
+) -> Actuation:
+    """Voltage to temperature, tension and contraction of every TCAM, and the arm's equilibrium at each of `times` [s].
+
+    The muscles start at t = 0 at ambient temperature; `times` ascend from there. A TCAM pulls with C_T T (paper, Eq.
+    CableTensionTCAMs), other muscles with their own tension; the arm follows quasi-statically, all instants in one
+    compiled batch. The temperature does not depend on the arm. The contraction is that of the muscle on its own, under
+    its hanging mass. `method` is a `Shooting`; `stepping` is by default chosen by `TimeStepping.suited_to` for each
+    muscle.
+
+    Works under `jit`, `grad`, `jacfwd` and `vmap`, with respect to every float of the scene. Does not raise for what
+    comes of it: see `Response.outcome` and `Solution.outcome`. Raises `SceneError` for a scene without a TCAM, and for
+    times that are not allowed.
+    """
+    driven: dict[int, TCAM] = {i: muscle.tcam for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None}
+    if not driven:
+        raise SceneError("muscles: none has a tcam; allowed: at least one muscle that a TCAM drives")
+    check_times(times)
+    responses = {i: tcam_response(tcam, times, stepping) for i, tcam in driven.items()}
+    tensions = {i: response.tension for i, response in responses.items()}
+    scene = as_floats(scene)
+    solution = _equilibria(scene, tensions, Shooting() if method is None else method)
+    return Actuation(scene, jnp.asarray(times, float), responses, solution)
+
+
+def with_tensions(scene: Scene, tensions: dict[int, Any]) -> Scene:
+    """`scene` with these tensions [N] in place of the TCAMs that make them, by the number of the muscle."""
+    muscles = [
+        dataclasses.replace(muscle, tension=tensions[i], tcam=None) if i in tensions else muscle
+        for i, muscle in enumerate(scene.muscles)
+    ]
+    return dataclasses.replace(scene, muscles=tuple(muscles))
+
+
+@eqx.filter_jit
+def _equilibria(scene: Scene, tensions: dict[int, Float[Array, " times"]], method: Shooting) -> Solution:
+    return jax.vmap(lambda at: solve(with_tensions(scene, at), method, throw=False))(tensions)

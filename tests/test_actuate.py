@@ -1,0 +1,137 @@
+"""From voltage to motion: the chain as one function, its numbers and its derivatives."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from cosserat_jax import (
+    TCAM,
+    Pulses,
+    ResponseOutcome,
+    SceneError,
+    Shooting,
+    TimeStepping,
+    actuate,
+    gain_from_measurement,
+    load,
+    parameters,
+    replace,
+    solve,
+)
+
+OCTOPUS = load("octopus-tcam")
+TIMES = np.linspace(0, 6.28, 5)
+METHOD = Shooting(points=3, steps=40)  # equal steps: differences then see no change of the adaptive ones
+STEPPING = TimeStepping.suited_to(OCTOPUS.muscles[0].tcam)
+TIGHT = dataclasses.replace(STEPPING, rtol=1e-12, atol=1e-12, watch=1)
+
+
+@pytest.fixture(scope="module")
+def actuation():
+    return actuate(OCTOPUS, TIMES)
+
+
+def test_the_preset_pulls_with_25_newton_at_the_paper_s_temperature(actuation):
+    gain = parameters(OCTOPUS)["muscles.0.tcam.tension_gain"]
+    assert gain == pytest.approx(gain_from_measurement(25.0, 98.17 + 273.15, 23 + 273.15), rel=1e-14)
+    response = actuation.responses[0]
+    assert response.peak.temperature - 273.15 == pytest.approx(98.1677, abs=1e-4)
+    assert response.peak.time == pytest.approx(5.8944, abs=1e-4)
+    assert gain * (response.peak.temperature - 296.15) == pytest.approx(25.0, abs=2e-3)
+    np.testing.assert_allclose(response.tension, 25 / 75.17 * (response.temperature - 296.15), rtol=1e-13)
+
+
+def test_each_instant_is_the_equilibrium_under_that_instant_s_tension(actuation):
+    octopus = load("octopus")
+    assert actuation.solution.converged.all()
+    for i in (0, 2, 4):
+        tension = float(actuation.responses[0].tension[i])
+        alone = solve(replace(octopus, {"muscles.0.tension": tension}))
+        assert actuation.solution.tip.y[i] == pytest.approx(float(alone.tip.y), abs=1e-12)
+    assert actuation.solution.tip.y[0] == pytest.approx(-0.0036152319, abs=1e-9)  # no tension: MODEL's third row
+
+
+def test_muscles_with_a_tension_of_their_own_go_on_pulling():
+    passive = dataclasses.replace(load("octopus").muscles[0], tension=6.0, side=-1)
+    scene = dataclasses.replace(OCTOPUS, muscles=(passive, *OCTOPUS.muscles))
+    method = Shooting(points=3)
+    acted = actuate(scene, TIMES, method)
+    assert list(acted.responses) == [1]
+    fixed = dataclasses.replace(load("octopus").muscles[0], tension=float(acted.responses[1].tension[3]))
+    alone = solve(dataclasses.replace(scene, muscles=(passive, fixed)), method)
+    assert acted.solution.tip.y[3] == pytest.approx(float(alone.tip.y), abs=1e-12)
+
+
+def test_an_instant_without_equilibrium_and_a_muscle_too_hot_are_marked_and_nothing_stops():
+    """A scene at which the arm folds from some tension on: the instants before it are untouched."""
+    strong = replace(OCTOPUS, {"muscles.0.tcam.tension_gain": 40.0, "muscles.0.tcam.limit_temperature": 340.0})
+    acted = actuate(strong, TIMES)
+    converged = np.asarray(acted.solution.converged)
+    assert converged[:2].all()
+    assert not converged[-1]
+    assert np.isnan(acted.solution.tip.y[~converged]).all()
+    assert np.isfinite(acted.solution.tip.y[converged]).all()
+    assert acted.responses[0].outcome == ResponseOutcome.overheated
+    assert np.isfinite(acted.responses[0].temperature).all()
+
+
+def test_a_scene_that_cannot_be_actuated_or_solved_says_what_to_use():
+    with pytest.raises(SceneError, match="at least one muscle that a TCAM drives"):
+        actuate(load("octopus"), TIMES)
+    with pytest.raises(SceneError, match=r"muscles\.0\.tcam: .*allowed: actuate"):
+        solve(OCTOPUS)
+    with pytest.raises(SceneError, match=r"times: not in order"):
+        actuate(OCTOPUS, TIMES[::-1])
+    with pytest.raises(SceneError, match=r"muscles\.0\.tension: given beside muscles\.0\.tcam"):
+        replace(OCTOPUS, {"muscles.0.tension": 3.0})
+    with pytest.raises(SceneError, match=r"muscles\.0\.tension: missing"):
+        dataclasses.replace(OCTOPUS, muscles=(dataclasses.replace(OCTOPUS.muscles[0], tcam=None),))
+    with pytest.raises(SceneError, match=r"muscles\.0\.tcam\.resistance: -1 is not allowed"):
+        replace(OCTOPUS, {"muscles.0.tcam.resistance": -1.0})
+
+
+# --- derivatives through the whole chain
+
+PATHS = [
+    "muscles.0.tcam.voltage.amplitude", "muscles.0.tcam.voltage.frequency", "muscles.0.tcam.resistance",
+    "muscles.0.tcam.conductance", "muscles.0.tcam.thermal_mass", "muscles.0.tcam.tension_gain", "arm.youngs_modulus",
+    "arm.length", "arm.density", "muscles.0.base_offset", "water.velocity", "water.density",
+]  # fmt: skip
+
+
+def tip_at_end(values: jax.Array) -> jax.Array:
+    scene = replace(OCTOPUS, dict(zip(PATHS, values, strict=True)))
+    tip = actuate(scene, jnp.asarray([3.0, 5.0]), METHOD, stepping=TIGHT).solution.tip
+    return jnp.stack([tip.x[-1], tip.y[-1], tip.theta[-1]])
+
+
+def test_derivatives_of_the_tip_by_voltage_heat_and_arm_are_those_of_differences_in_both_modes():
+    at = jnp.asarray([parameters(OCTOPUS)[path] for path in PATHS])
+    forward = np.asarray(jax.jit(jax.jacfwd(tip_at_end))(at))
+    backward = np.asarray(jax.jit(jax.jacrev(tip_at_end))(at))
+    np.testing.assert_allclose(backward, forward, rtol=1e-11, atol=1e-14)
+    tip, step = jax.jit(jax.vmap(tip_at_end)), 1e-4 * np.diag(at)
+    shifted = {k: np.asarray(tip(at[None] + k * step)) for k in (-2, -1, 1, 2)}
+    difference = (8 * (shifted[1] - shifted[-1]) - (shifted[2] - shifted[-2])) / (12 * 1e-4 * np.asarray(at)[:, None])
+    for path, column, wanted in zip(PATHS, forward.T, difference, strict=True):
+        scale = np.abs(wanted).max()
+        assert scale > 0, path
+        np.testing.assert_allclose(column, wanted, rtol=0, atol=1e-6 * scale, err_msg=path)
+
+
+def test_the_derivative_by_the_instant_a_pulse_ends_is_the_warming_it_adds():
+    """A jump's own instant has a derivative: cut there, the integration sees it move."""
+
+    def height(width: jax.Array) -> jax.Array:
+        tcam = TCAM(voltage=Pulses(9.0, width=width, period=10.0, number=1), tension_gain=0.3)
+        muscle = dataclasses.replace(OCTOPUS.muscles[0], tcam=tcam)
+        scene = dataclasses.replace(OCTOPUS, muscles=(muscle,))
+        return actuate(scene, jnp.asarray([2.0, 4.0]), METHOD, stepping=TIGHT).solution.tip.y[-1]
+
+    slope = jax.jit(jax.grad(height))(3.0)
+    compiled = jax.jit(height)
+    assert float(slope) == pytest.approx(float(compiled(3.001) - compiled(2.999)) / 0.002, rel=1e-6)
+    assert slope > 0
