@@ -360,3 +360,17 @@ def test_derivatives_by_every_float_are_those_of_differences_in_both_modes():
     difference = ((plus - minus) / (2 * step[:, None])).T
     for column, wanted in zip(np.asarray(forward).T, np.asarray(difference).T, strict=True):
         np.testing.assert_allclose(column, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max() + 1e-9)
+
+
+def test_derivatives_pass_through_a_voltage_function_and_a_law_that_close_over_a_number():
+    def warm(amplitude, slope):
+        tcam = TCAM(voltage=lambda t: amplitude * jnp.sin(t), conductance_law=lambda rise: slope * rise)
+        return tcam_response(tcam, [4.0], QUICK).temperature[0]
+
+    def by_parts(amplitude, slope):
+        tcam = TCAM(voltage=Sinusoid(amplitude, 1.0), conductance_law=LinearConductance(slope))
+        return tcam_response(tcam, [4.0], QUICK).temperature[0]
+
+    for mode in (jax.jacfwd, jax.jacrev):
+        closed, parts = (jax.jit(mode(function, argnums=(0, 1)))(9.0, 1e-5) for function in (warm, by_parts))
+        np.testing.assert_allclose(closed, parts, rtol=1e-9)

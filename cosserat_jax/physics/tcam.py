@@ -22,7 +22,7 @@ class TCAMState(NamedTuple):
 
 def conductance_at(tcam: TCAM, rise: Scalar) -> Scalar:
     """lambda(T) [W/K], the heat that leaves per degree of the rise."""
-    return tcam.conductance + (0.0 if tcam.conductance_law is None else tcam.conductance_law(rise))
+    return tcam.conductance + (0.0 if tcam.conductance_law is None else jnp.vectorize(tcam.conductance_law)(rise))
 
 
 def heating_rate(tcam: TCAM, voltage: Scalar, rise: Scalar) -> Scalar:

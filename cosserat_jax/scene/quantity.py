@@ -113,8 +113,16 @@ def function(**kwargs: Any) -> Any:
 
 
 def as_pytree(called: Any) -> Any:
-    """`called` as a function that JAX takes for a pytree: a plain one is static, a module keeps its leaves."""
-    return called if called is None or isinstance(called, eqx.Module) else jax.tree_util.Partial(called)
+    """A function of a number as one that JAX takes for a pytree: a module keeps its leaves, a plain function is static.
+
+    What a plain function closes over while JAX traces becomes a leaf, so that derivatives by it pass.
+    """
+    if called is None or isinstance(called, eqx.Module) or not callable(called):
+        return called
+    cells = [cell.cell_contents for cell in getattr(called, "__closure__", None) or ()]
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(cells)):
+        return eqx.filter_closure_convert(called, jnp.zeros(()))
+    return jax.tree_util.Partial(called)
 
 
 def part(kinds: dict[str, type], **kwargs: Any) -> Any:

@@ -48,6 +48,8 @@ def is_allowed(scene: Any) -> Array:
 
 def declared(part: Any, prefix: str = "") -> Iterator[tuple[str, dataclasses.Field, Any]]:
     """Every declared field below `part`: its path, the field, its value (None where it is left out)."""
+    if not dataclasses.is_dataclass(part):
+        return  # inside a function that a user wrote
     for field in dataclasses.fields(part):
         path, value = f"{prefix}{field.name}", getattr(part, field.name)
         if declaration(field) is not None:
@@ -55,7 +57,7 @@ def declared(part: Any, prefix: str = "") -> Iterator[tuple[str, dataclasses.Fie
         elif isinstance(value, tuple):
             for i, item in enumerate(value):
                 yield from declared(item, f"{path}.{i}.")
-        elif dataclasses.is_dataclass(value):  # and not a function that a user wrote
+        else:
             yield from declared(value, f"{path}.")
 
 
