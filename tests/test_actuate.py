@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from cosserat_jax import (
-    TCAM,
-    Pulses,
     ResponseOutcome,
     SceneError,
     Shooting,
@@ -21,6 +19,7 @@ from cosserat_jax import (
     replace,
     solve,
 )
+from cosserat_jax.study import with_tensions
 
 OCTOPUS = load("octopus-tcam")
 TIMES = np.linspace(0, 6.28, 5)
@@ -54,15 +53,11 @@ def test_each_instant_is_the_equilibrium_under_that_instant_s_tension(actuation)
     assert actuation.solution.tip.y[0] == pytest.approx(-0.0036152319, abs=1e-9)  # no tension: MODEL's third row
 
 
-def test_muscles_with_a_tension_of_their_own_go_on_pulling():
+def test_only_the_muscles_with_a_tcam_get_another_tension():
     passive = dataclasses.replace(load("octopus").muscles[0], tension=6.0, side=-1)
     scene = dataclasses.replace(OCTOPUS, muscles=(passive, *OCTOPUS.muscles))
-    method = Shooting(points=3)
-    acted = actuate(scene, TIMES, method)
-    assert list(acted.responses) == [1]
-    fixed = dataclasses.replace(load("octopus").muscles[0], tension=float(acted.responses[1].tension[3]))
-    alone = solve(dataclasses.replace(scene, muscles=(passive, fixed)), method)
-    assert acted.solution.tip.y[3] == pytest.approx(float(alone.tip.y), abs=1e-12)
+    pulled = with_tensions(scene, {1: 9.0}).muscles
+    assert pulled == (passive, dataclasses.replace(load("octopus").muscles[0], tension=9.0))
 
 
 def test_an_instant_without_equilibrium_and_a_muscle_too_hot_are_marked_and_nothing_stops():
@@ -120,18 +115,3 @@ def test_derivatives_of_the_tip_by_voltage_heat_and_arm_are_those_of_differences
         scale = np.abs(wanted).max()
         assert scale > 0, path
         np.testing.assert_allclose(column, wanted, rtol=0, atol=1e-6 * scale, err_msg=path)
-
-
-def test_the_derivative_by_the_instant_a_pulse_ends_is_the_warming_it_adds():
-    """A jump's own instant has a derivative: cut there, the integration sees it move."""
-
-    def height(width: jax.Array) -> jax.Array:
-        tcam = TCAM(voltage=Pulses(9.0, width=width, period=10.0, number=1), tension_gain=0.3)
-        muscle = dataclasses.replace(OCTOPUS.muscles[0], tcam=tcam)
-        scene = dataclasses.replace(OCTOPUS, muscles=(muscle,))
-        return actuate(scene, jnp.asarray([2.0, 4.0]), METHOD, stepping=TIGHT).solution.tip.y[-1]
-
-    slope = jax.jit(jax.grad(height))(3.0)
-    compiled = jax.jit(height)
-    assert float(slope) == pytest.approx(float(compiled(3.001) - compiled(2.999)) / 0.002, rel=1e-6)
-    assert slope > 0

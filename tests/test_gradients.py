@@ -29,6 +29,9 @@ def tip_of(scene: Scene) -> jax.Array:
     return jnp.stack([tip.x, tip.y, tip.theta])
 
 
+REVERSE = jax.jit(jax.jacrev(tip_of))
+
+
 def as_arrays(scene: Scene) -> Scene:
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
 
@@ -63,7 +66,7 @@ def test_forward_mode_equals_central_differences(forward, path):
 
 
 def test_reverse_mode_equals_forward_mode(forward):
-    backward = parameters(jax.jit(jax.jacrev(tip_of))(as_arrays(FULL)))
+    backward = parameters(REVERSE(as_arrays(FULL)))
     for path, column in forward.items():
         np.testing.assert_allclose(backward[path], column, rtol=1e-12, atol=0)
 
@@ -73,7 +76,7 @@ def test_gradient_is_finite_at_the_straight_unloaded_arm():
     still = replace(FULL, dict.fromkeys(("muscles.0.tension", "muscles.1.tension", "water.velocity"), 0.0))
     still = replace(still, {"gravity.acceleration": 0.0, "tip.force.0": 0.0, "tip.force.1": 0.0, "tip.moment": 0.0,
                             "water.velocity_gradient": 0.0})  # fmt: skip
-    gradient = parameters(jax.jit(jax.jacrev(tip_of))(as_arrays(still)))
+    gradient = parameters(REVERSE(as_arrays(still)))
     assert all(np.isfinite(row).all() for row in gradient.values())
     assert gradient["muscles.0.tension"][1] > 0 > gradient["muscles.1.tension"][1]
     assert gradient["arm.youngs_modulus"] == pytest.approx(np.zeros(3), abs=1e-15)

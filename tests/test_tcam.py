@@ -371,6 +371,5 @@ def test_derivatives_pass_through_a_voltage_function_and_a_law_that_close_over_a
         tcam = TCAM(voltage=Sinusoid(amplitude, 1.0), conductance_law=LinearConductance(slope))
         return tcam_response(tcam, [4.0], QUICK).temperature[0]
 
-    for mode in (jax.jacfwd, jax.jacrev):
-        closed, parts = (jax.jit(mode(function, argnums=(0, 1)))(9.0, 1e-5) for function in (warm, by_parts))
-        np.testing.assert_allclose(closed, parts, rtol=1e-9)
+    closed = jax.jit(jax.grad(warm, argnums=(0, 1)))(9.0, 1e-5)
+    np.testing.assert_allclose(closed, jax.jit(jax.jacfwd(by_parts, argnums=(0, 1)))(9.0, 1e-5), rtol=1e-9)
