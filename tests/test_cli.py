@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from command import Ran, Run, contents
+from command import ARM_FILE, Ran, Run, assert_one_line_and_nothing_left, contents
 
 import cosserat_jax
 from cosserat_jax.scene import presets, read
@@ -287,20 +287,7 @@ def test_a_write_that_fails_leaves_the_old_file(run: Run, tmp_path: Path, monkey
 
 # --- bad input: words of the command, and what the line must name
 
-GOOD = """
-[arm]
-length = "418 mm"
-base_radius = "15 mm"
-tip_radius = "4 mm"
-youngs_modulus = "10 MPa"
-poisson_ratio = 0.5
-density = "1.1 kg/dm^3"
-
-[[muscles]]
-base_offset = "12 mm"
-end_offset = "1 mm"
-tension = "20 N"
-"""
+GOOD = ARM_FILE + 'tension = "20 N"\n'
 
 BAD_FILES = {  # what is changed in a good file, to what, and what the line must name
     "typo in a key": ('length = "418 mm"', 'lenght = "418 mm"', ["arm.lenght", "'length'"]),
@@ -417,14 +404,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder.nc").mkdir()
-    before = contents(tmp_path)
-    ran = run(*words)
-    assert (ran.status, ran.out) == (2, "")
-    assert ran.err.startswith("cosserat-jax: error: ")
-    assert ran.err.count("\n") == 1
-    for part in named:
-        assert part in ran.err
-    assert contents(tmp_path) == before
+    assert_one_line_and_nothing_left(run, tmp_path, words, named)
 
 
 def test_a_good_file_is_what_the_bad_ones_were_made_from(run: Run, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from command import Ran, Run, contents
+from command import ARM_FILE, Ran, Run, assert_one_line_and_nothing_left, contents
 from PIL import Image
 from scipy.integrate import solve_ivp
 
@@ -278,24 +278,15 @@ def test_an_mp4_is_asked_for_only_where_there_is_ffmpeg(
 
 # --- bad input: words of the command, and what the line must name
 
-GOOD = """
-[arm]
-length = "418 mm"
-base_radius = "15 mm"
-tip_radius = "4 mm"
-youngs_modulus = "10 MPa"
-poisson_ratio = 0.5
-density = "1.1 kg/dm^3"
-
-[[muscles]]
-base_offset = "12 mm"
-end_offset = "1 mm"
-
+GOOD = (
+    ARM_FILE
+    + """
 [muscles.tcam]
 conductance = "0.0086 W/K"
 limit_temperature = "150 degC"
 voltage = { amplitude = "9 V", frequency = "1 rad/s" }
 """
+)
 SINE = '{ amplitude = "9 V", frequency = "1 rad/s" }'
 TABLE = GOOD[GOOD.index("[muscles.tcam]") :]
 
@@ -385,14 +376,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     run: Run, tmp_path: Path, words: list[str], named: list[str], text: str
 ) -> None:
     (tmp_path / "arm.toml").write_text(text)
-    before = contents(tmp_path)
-    ran = run(*words)
-    assert (ran.status, ran.out) == (2, "")
-    assert ran.err.startswith("cosserat-jax: error: ")
-    assert ran.err.count("\n") == 1
-    for part in named:
-        assert part in ran.err
-    assert contents(tmp_path) == before
+    assert_one_line_and_nothing_left(run, tmp_path, words, named)
 
 
 @pytest.mark.parametrize("voltage", [SINE, pulses(), sampled('"0, 1, 2 s"')])

@@ -57,14 +57,6 @@ def read_changed(name: str, changes: dict[str, str]) -> SceneFile:
         return file._replace(scene=replace(file.scene, changes))
 
 
-def check_steady(file: SceneFile) -> None:
-    """Raises `SceneError` for a scene whose equilibrium changes with time."""
-    for i, muscle in enumerate(file.scene.muscles):
-        if muscle.tcam is not None:
-            reason = "makes a tension that changes with time; allowed: cosserat-jax actuate"
-            raise SceneError(f"{file.name}: muscles.{i}.tcam: {reason}")
-
-
 def data_and_figure(out: str | None, plot: str | None, more: Collection[str] = ()) -> tuple[Path | None, Path | None]:
     """The places of --out, netCDF, and of --plot, a figure or a file with one of `more` suffixes; None: not asked for.
 

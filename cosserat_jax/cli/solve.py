@@ -4,8 +4,8 @@ import click
 
 from ..report.text import json_line, solution_text
 from ..report.writing import figure_place, save_figure
-from ..solver import solve
-from .common import check_steady, pairs, plot_option, read_changed, settings_option
+from ..solver import check_steady, solve
+from .common import about, pairs, plot_option, read_changed, settings_option
 
 
 @click.command("solve")
@@ -26,7 +26,8 @@ def solve_command(scenes: tuple[str, ...], settings: tuple[str, ...], as_json: b
     """
     files = [read_changed(name, pairs("--set", settings)) for name in scenes]
     for file in files:
-        check_steady(file)
+        with about(file.name):
+            check_steady(file.scene)
     figure = None if plot is None else figure_place("--plot", plot)
     solutions = []
     for file in files:

@@ -11,11 +11,11 @@ import numpy as np
 from ..report.text import sweep_summary, sweep_table
 from ..report.writing import OutputError, batches_place, save_figure, written_whole
 from ..scene import Scene, SceneError, SceneFile, replace, sweep_values
+from ..solver import check_steady
 from ..study import Sweep, sweep
 from .common import (
     Stopped,
     about,
-    check_steady,
     data_and_figure,
     pairs,
     plot_option,
@@ -61,7 +61,8 @@ def sweep_command(
     """
     changes = pairs("--set", settings)
     file = read_changed(name, changes)
-    check_steady(file)
+    with about(file.name):
+        check_steady(file.scene)
     grid = _grid(file, pairs("--over", over), changes)
     data, figure = data_and_figure(out, plot)
     kept = None if data is None else batches_place(data)

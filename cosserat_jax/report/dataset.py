@@ -55,8 +55,7 @@ def actuation_dataset(actuation: "Actuation") -> xarray.Dataset:
 
 def _muscle_variables(actuation: "Actuation") -> dict[str, Variable]:
     responses: Any = jax.tree.map(lambda *leaves: np.stack(leaves), *actuation.responses.values())
-    tcams: Any = [actuation.scene.muscles[i].tcam for i in actuation.responses]
-    limits = [float(tcam.limit_temperature) for tcam in tcams]
+    limits = [float(actuation.tcam(i).limit_temperature) for i in actuation.responses]
     data = {
         name: variable(("muscle", "time"), getattr(responses, name), unit, meaning)
         for name, (unit, meaning) in _OVER_TIME.items()

@@ -2,11 +2,11 @@
 
 from .method import Shooting, TimeStepping
 from .outcome import Outcome, ResponseOutcome, outcome_codes
-from .response import Peak, Response, check_times, tcam_response
+from .response import Peak, Response, tcam_response
 from .solution import Fields, Pose, SectionStrains, Solution
-from .solve import SolveError, solve
+from .solve import SolveError, check_steady, solve
 
 __all__ = [
     "Fields", "Outcome", "Peak", "Pose", "Response", "ResponseOutcome", "SectionStrains", "Shooting", "Solution",
-    "SolveError", "TimeStepping", "check_times", "outcome_codes", "solve", "tcam_response",
+    "SolveError", "TimeStepping", "check_steady", "outcome_codes", "solve", "tcam_response",
 ]  # fmt: skip

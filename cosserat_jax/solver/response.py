@@ -5,13 +5,11 @@ integrated on its own, all of them by one compiled integration. So no step strad
 respect to the instants, those of the jumps too, are exact.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
 import jax
-import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -29,7 +27,7 @@ from ..physics.tcam import (
     state_rate,
     tension_gain,
 )
-from ..scene import TCAM, SceneError, validate_tcam
+from ..scene import TCAM, AbstractVoltage, SceneError, Sinusoid, validate_tcam
 from ..scene.quantity import as_floats, concrete
 from .forward import by_forward_mode
 from .method import TimeStepping
@@ -77,13 +75,13 @@ def tcam_response(
     `SceneError` for a constant or times that are not allowed.
     """
     validate_tcam(tcam)
-    check_times(times)
+    _check_times(times)
     method = TimeStepping.suited_to(tcam) if method is None else method
     start = resting_state(tcam) if initial is None else initial
     return _response(as_floats(tcam), jnp.asarray(times, float), as_floats(start), method)
 
 
-def check_times(times: ArrayLike) -> None:
+def _check_times(times: ArrayLike) -> None:
     """Raises `SceneError` unless `times` are instants from 0 on in ascending order; traced ones pass."""
     seconds = concrete(times)
     if np.ndim(times) != 1 or np.size(times) == 0:
@@ -106,7 +104,7 @@ def _response(tcam: TCAM, times: Float[Array, " times"], start: TCAMState, metho
     asked, peak = jax.tree.map(lambda leaf: jnp.where(known, leaf, jnp.nan), (found.asked, found.peak))
     return Response(
         times=times,
-        voltage=jnp.zeros_like(times) if tcam.voltage is None else tcam.voltage(times),
+        voltage=_voltage(tcam)(times),
         temperature=tcam.ambient_temperature + asked.rise,
         contraction=asked.contraction,
         contraction_rate=asked.rate,
@@ -130,7 +128,7 @@ class _Found(NamedTuple):
 
 
 def _found(tcam: TCAM, times: Float[Array, " times"], start: TCAMState, method: TimeStepping) -> _Found:
-    breaks = jnp.zeros(0) if tcam.voltage is None else tcam.voltage.breaks
+    breaks = _voltage(tcam).breaks
     watched = jnp.linspace(0.0, times[-1], method.watch + 1)[1:]
     instants = jnp.concatenate([times, watched, jnp.clip(breaks, 0.0, times[-1])])
     order = jnp.argsort(instants)
@@ -156,14 +154,15 @@ def _integrate(
 ) -> tuple[TCAMState, Int[Array, ""], Bool[Array, ""]]:
     """The states at the later edge of every interval, the steps taken, and whether all came through."""
     scale = _scales(tcam)
-    longest = lax.stop_gradient(math.inf if tcam.voltage is None else tcam.voltage.step_limit)
+    drive = _voltage(tcam)
+    longest = lax.stop_gradient(drive.step_limit)
 
     def interval(state: TCAMState, span: tuple[Array, Array, Array]) -> tuple[TCAMState, tuple]:
         begin, end, piece = span
         length = end - begin
 
         def slope(tau: Any, scaled: Any, _: Any) -> TCAMState:
-            voltage = voltage_on(tcam, piece, begin + length * tau)
+            voltage = drive.on_piece(piece, begin + length * tau)
             rate = state_rate(tcam, voltage, jax.tree.map(jnp.multiply, scaled, scale))
             return jax.tree.map(lambda d, unit: d * length / unit, rate, scale)
 
@@ -189,9 +188,9 @@ def _integrate(
     return states, steps.sum(), finished.all()
 
 
-def voltage_on(tcam: TCAM, piece: Int[Array, "*times"], t: Float[Array, "*times"]) -> Float[Array, "*times"]:
-    """The voltage [V] at `t` on a piece between two of its breaks; zero where nothing drives the muscle."""
-    return jnp.zeros_like(t) if tcam.voltage is None else tcam.voltage.on_piece(piece, t)
+def _voltage(tcam: TCAM) -> AbstractVoltage:
+    """What drives the muscle; none of it where nothing does."""
+    return Sinusoid(amplitude=0.0, frequency=0.0) if tcam.voltage is None else tcam.voltage
 
 
 def _scales(tcam: TCAM) -> TCAMState:
@@ -215,8 +214,9 @@ def _peak(tcam: TCAM, edges: Array, pieces: Array, rises: Float[Array, " edges"]
     """The highest of the rises and of the cubics through them and their rates, interval by interval."""
     begin, end, low, high = edges[:-1], edges[1:], rises[:-1], rises[1:]
     length = end - begin
-    first = length * heating_rate(tcam, voltage_on(tcam, pieces, begin), low)
-    last = length * heating_rate(tcam, voltage_on(tcam, pieces, end), high)
+    drive = _voltage(tcam)
+    first = length * heating_rate(tcam, drive.on_piece(pieces, begin), low)
+    last = length * heating_rate(tcam, drive.on_piece(pieces, end), high)
     # T(tau) = low + first tau + square tau^2 + cube tau^3
     cube, square = first + last - 2 * (high - low), 3 * (high - low) - 2 * first - last
     has_top = (first > 0) & (last < 0)

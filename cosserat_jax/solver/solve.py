@@ -39,14 +39,19 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
     """
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
-    for i, muscle in enumerate(scene.muscles):
-        if muscle.tension is None:
-            raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
+    check_steady(scene)
     solution = _solve(as_floats(scene), Shooting() if method is None else method)
     outcome = solution.outcome._value
     if throw and not isinstance(outcome, jax.core.Tracer) and not solution.converged.all():
         raise SolveError(f"{Outcome[solution.outcome]} (reached {float(solution.load_fraction):.3g} of the load)")
     return solution
+
+
+def check_steady(scene: Scene) -> None:
+    """Raises `SceneError` for a scene whose equilibrium changes with time."""
+    for i, muscle in enumerate(scene.muscles):
+        if muscle.tcam is not None:
+            raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
 
 
 @eqx.filter_jit

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ..scene import TCAM, Scene, SceneError
 from ..scene.quantity import as_floats
-from ..solver import Response, Shooting, Solution, TimeStepping, check_times, solve, tcam_response
+from ..solver import Response, Shooting, Solution, TimeStepping, solve, tcam_response
 
 if TYPE_CHECKING:
     import xarray
@@ -61,7 +61,6 @@ def actuate(
     driven: dict[int, TCAM] = {i: muscle.tcam for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None}
     if not driven:
         raise SceneError("muscles: none has a tcam; allowed: at least one muscle that a TCAM drives")
-    check_times(times)
     responses = {i: tcam_response(tcam, times, stepping) for i, tcam in driven.items()}
     tensions = {i: response.tension for i, response in responses.items()}
     scene = as_floats(scene)
