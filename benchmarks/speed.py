@@ -19,20 +19,15 @@ arm in water, bent by one muscle.
   `solve_bvp` whose error on its rods is nearest to ours on the same rods.
 """
 
-import dataclasses
 import sys
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
+from collocation import plain, reference
 from timing import compiled, in_turn, line, machine, seconds, spread
 
 from cosserat_jax import Scene, Shooting, load, replace, solve, sweep
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-import reference
 
 CLAIM = """\
 Claim: at equal error a rod of the 82-rod sweep takes under 1/50 of scipy.integrate.solve_bvp's time, cold or continued;
@@ -107,7 +102,7 @@ def against_scipy(scene: Scene) -> float:
     exact, _ = swept(1e-12)
     mesh = [axis.ravel() for axis in np.meshgrid(*GRID.values(), indexing="ij")]
     scenes = [replace(scene, {path: axis[i] for path, axis in zip(GRID, mesh, strict=True)}) for i in COMPARED]
-    rods = [without_none(dataclasses.asdict(rod)) for rod in scenes]
+    rods = [plain(rod) for rod in scenes]
     print(f"\nsolve_bvp on {len(rods)} of the 82 rods: largest tip error, mean time")
     results = {start: collocated(rods, exact[COMPARED], start == "cold") for start in ("continued", "cold")}
 
@@ -124,13 +119,6 @@ def against_scipy(scene: Scene) -> float:
             of_both = f"its error {by_tol[equal][1]:.1e} m, ours {ours[equal]:.1e} m"
             line(f"  solve_bvp {start}, tol {equal:.0e}", of_both, f"{ratios[-1]:.0f} times as long a rod")
     return min(ratios)
-
-
-def without_none(part: Any) -> Any:
-    """The reference takes an absent entry for its default, where the package holds None."""
-    if isinstance(part, dict):
-        return {name: without_none(entry) for name, entry in part.items() if entry is not None}
-    return [without_none(entry) for entry in part] if isinstance(part, tuple) else part
 
 
 if __name__ == "__main__":

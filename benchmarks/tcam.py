@@ -20,10 +20,7 @@ more, as it is by default; each look ends a step. A star marks the default solve
 - `--out` writes tcam_error_vs_runtime.png and .csv.
 """
 
-import argparse
-import csv
 import dataclasses
-import time
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -33,7 +30,7 @@ import diffrax
 import jax
 import numpy as np
 from matplotlib.figure import Figure
-from timing import compiled, in_turn, line, machine, spread, stages
+from timing import compiled, in_turn, line, machine, options, spread, stages, table, timed
 
 from cosserat_jax import TCAM, ResponseOutcome, Sinusoid, TimeStepping, actuate, load, replace, tcam_response
 from cosserat_jax.physics.tcam import damping_coefficient, spring_coefficient, tension_gain
@@ -136,9 +133,8 @@ def measured(name: str, tolerances: tuple[float, ...]) -> list[Run]:
         if any(run.solver == solver and np.isnan(run.error) for run in runs):
             continue
         call = partial(program(tcam.dynamics, solver, tol, watch)[0], tcam)
-        start = time.perf_counter()
-        response = jax.block_until_ready(call())
-        once = 1e3 * (time.perf_counter() - start)
+        response, spent = timed(call)
+        once = 1e3 * spent
         if tcam.dynamics == "full" and tol == 1e-12:
             contraction = np.asarray(response.contraction)
             continue
@@ -210,11 +206,10 @@ def motion(repeats: int) -> None:
     line("  its value and gradient", f"tip height at the end {float(height):.6f} m, by voltage {float(slope):.6f} m/V")
 
 
-def written(folder: Path, runs: list[Run]) -> None:
+def written(folder: Path, about: dict[str, str], runs: list[Run]) -> None:
     """The runs as a table, and run time over error on the paper's muscle and on a stiff one as a picture."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "tcam_error_vs_runtime.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([(*Run._fields[:5], "error_in_parts_of_largest", "run_time_ms"), *runs])
+    columns = (*Run._fields[:5], "error_in_parts_of_largest", "run_time_ms")
+    table(folder / "tcam_error_vs_runtime.csv", about, columns, runs)
     figure = Figure(figsize=(7.2, 3.4), layout="constrained")
     looks = zip(("o", "s", "^", "D"), ("-", ":", "--", "-."), ("0", "0.5", "0.6", "0.3"), strict=True)
     looks = dict(zip(SOLVERS, looks, strict=True))
@@ -232,15 +227,12 @@ def written(folder: Path, runs: list[Run]) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="two muscles, two tolerances")
-    parser.add_argument("--out", type=Path, metavar="FOLDER")
-    options = parser.parse_args()
+    chosen = options(quick="two muscles, two tolerances")
     print(CLAIM)
     jax.config.update("jax_enable_compilation_cache", False)
-    machine()
+    about = machine()
     names, tolerances = (SMOOTH, STIFF), (1e-6, 1e-10)
-    if not options.quick:
+    if not chosen.quick:
         names, tolerances = tuple(MUSCLES), (1e-4, 1e-6, 1e-8, 1e-10)
     runs = [run for name in names for run in measured(name, tolerances)]
     print("\nCompile time of tcam_response, trace and lower included")
@@ -248,9 +240,9 @@ if __name__ == "__main__":
         spent = [program(MUSCLES[r.muscle].dynamics, *r[1:4])[1] for r in runs if r.solver == solver]
         line(solver, f"{np.median(spent):9.2f} s  [{min(spent):.2f} .. {max(spent):.2f}]")
     steps, times, behind = compared(runs)
-    motion(repeats=5 if options.quick else 9)
-    if options.out is not None:
-        written(options.out, runs)
+    motion(repeats=5 if chosen.quick else 9)
+    if chosen.out is not None:
+        written(chosen.out, about, runs)
     own, worst = max(behind[key] for key in behind if key.startswith("(a)")), max(behind, key=behind.__getitem__)
     held = "held" if steps > 100 and times > 1 and own < 2 else "DID NOT HOLD"
     print(f"\nThe claim {held} in this run. At equal error on (c), Tsit5 took at least {steps:.0f} times the steps")

@@ -1,10 +1,12 @@
-"""What the benchmarks share: the machine, compile time by stages, run times taken in turn, and the lines they print."""
+"""What the benchmarks share: machine, options, compile time by stages, run times taken in turn, lines and tables."""
 
+import argparse
+import csv
 import importlib.metadata
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from operator import methodcaller
 from pathlib import Path
@@ -14,11 +16,16 @@ import jax
 import numpy as np
 
 
+def timed(call: Callable[[], Any]) -> tuple[Any, float]:
+    """The result of one call, and the seconds until it is there."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(call())
+    return result, time.perf_counter() - start
+
+
 def seconds(call: Callable[[], Any]) -> float:
     """Of one call, until its result is there."""
-    start = time.perf_counter()
-    jax.block_until_ready(call())
-    return time.perf_counter() - start
+    return timed(call)[1]
 
 
 def in_turn(*calls: Callable[[], Any], repeats: int) -> list[list[float]]:
@@ -39,16 +46,39 @@ def line(what: str, value: str, ratio: str = "") -> None:
     print(f"  {what:<48} {value:<52} {ratio}".rstrip(), flush=True)
 
 
-def machine() -> None:
-    """Processor, versions and the device that JAX runs on."""
+def machine() -> dict[str, str]:
+    """Processor, versions and the device that JAX runs on, printed and given back."""
     rows = info.read_text().splitlines() if (info := Path("/proc/cpuinfo")).exists() else []
     models = [row.split(":", 1)[1].strip() for row in rows if row.startswith("model name")]
     versions = [f"{name} {importlib.metadata.version(name)}" for name in ("jax", "jaxlib", "diffrax", "numpy", "scipy")]
+    about = {
+        "processor": f"{models[0] if models else platform.processor()}, {os.cpu_count()} cores",
+        "system": f"{platform.platform()}, Python {platform.python_version()}",
+        "versions": ", ".join(versions),
+        "JAX device": f"{jax.devices()[0].platform}: {jax.devices()[0].device_kind}",
+    }
     print("\nMachine")
-    line("processor", f"{models[0] if models else platform.processor()}, {os.cpu_count()} cores")
-    line("system", f"{platform.platform()}, Python {platform.python_version()}")
-    line("versions", ", ".join(versions))
-    line("JAX device", f"{jax.devices()[0].platform}: {jax.devices()[0].device_kind}")
+    for what, value in about.items():
+        line(what, value)
+    return about
+
+
+def options(quick: str) -> argparse.Namespace:
+    """`--quick`, which does what `quick` says, and `--out FOLDER`, which is made."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument("--out", type=Path, metavar="FOLDER")
+    chosen = parser.parse_args()
+    if chosen.out is not None:
+        chosen.out.mkdir(parents=True, exist_ok=True)
+    return chosen
+
+
+def table(path: Path, about: dict[str, str], columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Writes comma-separated values, below comment lines that name the machine and the versions."""
+    with path.open("w", newline="") as file:
+        file.writelines(f"# {what}: {value}\n" for what, value in about.items())
+        csv.writer(file).writerows([columns, *rows])
 
 
 def stages(function: Callable, argument: Any) -> tuple[Callable[[Any], Any], list[float]]:

@@ -41,7 +41,7 @@ VARIABLES = {
     ("muscle", "time"): "voltage temperature contraction contraction_rate force tension",
     ("muscle",): "peak_temperature time_of_peak limit_temperature muscle_outcome muscle_steps",
     ("time",): "tip_x tip_y tip_theta tip_nu tip_eta tip_mu tip_beta tilt outcome converged residual iterations steps "
-    "load_fraction",
+    "load_fraction condition failed_at",
     ("time", "s"): "x y theta nu eta mu beta N H M force_x force_y moment",
 }
 UNITS = {

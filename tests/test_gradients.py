@@ -108,10 +108,10 @@ def test_vmap_and_grad_nest_either_way(method):
 
 def test_gradient_with_respect_to_the_initial_guess_is_zero():
     """The root that a guess leads to does not move with the guess."""
-    from cosserat_jax.solver.equilibrium import at_root
+    from cosserat_jax.solver.equilibrium import at_root, total_rates
 
     def at(guess: jax.Array, a: jax.Array) -> jax.Array:
-        return at_root(lambda root, params: (root**2 - params[0], root[0]), guess, [a])
+        return at_root(lambda root, params: (root**2 - params[0], root[0]), total_rates, guess, [a])
 
     guess, a = jnp.asarray([2.0]), jnp.asarray(4.0)
     by_guess, by_a = jax.grad(at, argnums=(0, 1))(guess, a)

@@ -177,4 +177,8 @@ def test_volume_constraint_folds_where_theory_says():
     solution = solve(bare, throw=False)
     assert Outcome[solution.outcome] == Outcome[Outcome.volume_constraint_folded]
     assert float(solution.load_fraction) == pytest.approx(1 / 1.001, abs=3e-3)
+    assert float(solution.failed_at) == pytest.approx(arm.length, rel=1e-3)
     assert bool(solve(replace(bare, {"tip.moment": -0.995 * folds_at}), throw=False).converged)
+    # a hair before it the derivative of beta is beyond all bounds, and the outcome says so
+    brink = solve(replace(bare, {"tip.moment": -(1 - 1e-8) * folds_at}), throw=False)
+    assert Outcome[brink.outcome] == Outcome[Outcome.volume_constraint_folded]

@@ -86,3 +86,14 @@ def solve_linear(matrix: Float[Array, "..."], rhs: Float[Array, "..."]) -> tuple
     bc = jnp.cross(b, c)
     determinant = a @ bc
     return jnp.stack([rhs @ bc, rhs @ jnp.cross(c, a), rhs @ jnp.cross(a, b)]) / determinant, determinant
+
+
+def condition_number(matrix: Float[Array, "n n"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """max(1, |A|) max(1, |A^-1|) of a matrix between like quantities, for one or three of them, and |A^-1|.
+
+    One unknown has a condition number of 1 whatever the matrix; held against the unit matrix it tells both an
+    amplification and a singularity. The norms are Frobenius's.
+    """
+    inverse = jax.vmap(lambda column: solve_linear(matrix, column)[0])(jnp.eye(len(matrix)))
+    norm, of_inverse = (jnp.sqrt(jnp.sum(m**2)) for m in (matrix, inverse))
+    return jnp.maximum(norm, 1.0) * jnp.maximum(of_inverse, 1.0), of_inverse

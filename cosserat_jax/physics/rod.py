@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
 from ..scene import Arm, Muscle, Scene, Tip
 from ..scene.quantity import Scalar
 from .loads import AbstractLoad, CrossSection
-from .muscles import pull_at
+from .muscles import active_at, pull_at
 from .section import SectionLoad, radius_at, stiffness_at, strains_at
-from .stretch import LoadRates, stretch_at
+from .stretch import LoadRates, constraint_slope, stretch_at
 from .water import Flow
 from .weight import Weight
 
@@ -87,17 +88,20 @@ def tip_state(rod: Rod, x: Scalar, y: Scalar, theta: Scalar) -> RodState:
     return RodState(x, y, theta, cos, sin, f1 + zero, f2 + zero, rod.load_fraction * rod.tip.moment + zero)
 
 
-def section_load(rod: Rod, s: Scalar, state: RodState, active_to: Scalar) -> SectionLoad:
-    """The force and moment on the section at `s` in its own frame, with the muscles that reach to `active_to`."""
+def section_load(rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " muscles"]) -> SectionLoad:
+    """The force and moment on the section at `s` in its own frame, with the muscles that are active there."""
     axial = state.force_x * state.cos + state.force_y * state.sin
     shear = state.force_y * state.cos - state.force_x * state.sin
-    pulls = tuple(pull_at(muscle, rod.arm, s, active_to, rod.load_fraction) for muscle in rod.muscles)
+    pulls = tuple(pull_at(muscle, rod.arm, s, active[i], rod.load_fraction) for i, muscle in enumerate(rod.muscles))
     return SectionLoad(axial, shear, state.moment, pulls)
 
 
-def derivative(rod: Rod, s: Scalar, state: RodState, active_to: Scalar) -> tuple[RodState, CrossSection]:
-    """d(state)/ds at `s`, and the cross-section there; theta's slope is NaN where the volume constraint has folded."""
-    load = section_load(rod, s, state, active_to)
+def derivative(rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " muscles"]) -> tuple[RodState, CrossSection]:
+    """d(state)/ds at `s` with these muscles active, and the cross-section there.
+
+    theta's slope is NaN where the volume constraint has folded.
+    """
+    load = section_load(rod, s, state, active)
 
     def at(beta: Scalar, beta_s: Scalar) -> tuple[RodState, CrossSection]:
         section = _cross_section(rod.arm, s, state, load, beta, beta_s)
@@ -119,6 +123,13 @@ def derivative(rod: Rod, s: Scalar, state: RodState, active_to: Scalar) -> tuple
     volume = beta * (section.nu - beta * section.surface * section.mu)
     folded = ~(jnp.abs(volume - 1) < _VOLUME_TOL)
     return slope._replace(theta=jnp.where(folded, jnp.nan, slope.theta)), section
+
+
+def fold_margin(rod: Rod, s: Scalar, state: RodState, section: CrossSection) -> Scalar:
+    """How far the volume constraint is from folding at `s`: d(volume)/d(beta) at given load, from 1 at rest to 0."""
+    return constraint_slope(
+        rod.arm, s, section_load(rod, s, state, active_at(rod.muscles, s)), section.beta, section.beta_s
+    )
 
 
 def _cross_section(

@@ -8,8 +8,9 @@ along the rod (paper, Eq. Beta_s_LocallyVolumePreservationConstraint),
 
     beta_s = -(dg/ds + dg/dF.a (F.a)_s + dg/dF.b (F.b)_s + dg/dM M_s) / (dg/dbeta)
 
-The shear and the water feel beta_s themselves, weakly, so the rates of the load are taken at the last value of it in a
-few passes. So is the beta_s in |t_c| of a unit tangent, through which alone beta_s acts on beta.
+The shear and the water feel beta_s themselves, by a factor of 1e-4 on the paper's arm and up to 0.1 on extreme ones, so
+the rates of the load are taken at the last value of it, which the secant method improves. So is the beta_s in |t_c| of
+a unit tangent, through which alone beta_s acts on beta.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,8 @@ from ..scene.quantity import Scalar
 from .implicit import differentiable_root, newton
 from .section import SectionLoad, radius_at, stiffness_at, strains_at
 
-_PASSES = 3  # each gains the factor by which the rates feel beta_s: 1e-4 on the paper's arm, 1e-2 on extreme ones
+_PASSES = 3  # of the secant method
+_MOST_FELT = 0.5  # the largest |d(rates)/d(beta_s)| that it believes
 
 
 class LoadRates(NamedTuple):
@@ -41,15 +43,26 @@ def stretch_at(
 ) -> tuple[Scalar, Scalar]:
     """beta and beta_s; `rates_at` gives the load's rates at a stretch and slope. Past a fold g(beta) is not zero."""
     flat = jnp.zeros_like(load.axial)
-    if any(pull.unit for pull in load.pulls):
+    unit = any(pull.unit for pull in load.pulls)
+    held = flat if unit else _root(arm, s, load, flat)
+    held_slope = flat if unit else constraint_slope(arm, s, load, held, flat)
 
-        def refine_both(_: Any, both: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-            beta = _root(arm, s, load, both[1])
-            return beta, _slope(arm, s, load, beta, both[1], rates_at)
+    def refine(_: Any, last: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+        _, given, before, found_before = last
+        beta = _root(arm, s, load, given) if unit else held
+        slope = constraint_slope(arm, s, load, beta, given) if unit else held_slope
+        found = -_defect_rate(arm, s, load, beta, given, s_rate=1.0, rates=rates_at(beta, given)) / slope
+        return beta, _secant(given, found, before, found_before), given, found
 
-        return lax.fori_loop(0, _PASSES, refine_both, (flat, flat))
-    beta = _root(arm, s, load, flat)
-    return beta, lax.fori_loop(0, _PASSES, lambda _, beta_s: _slope(arm, s, load, beta, beta_s, rates_at), flat)
+    return lax.fori_loop(0, _PASSES, refine, (held, flat, flat, flat))[:2]
+
+
+def _secant(given: Scalar, found: Scalar, before: Scalar, found_before: Scalar) -> Scalar:
+    """The x that f(x) = x would have on the line through f(given) = found and f(before) = found_before."""
+    apart = given - before
+    rate = jnp.where(apart == 0, 0.0, (found - found_before) / jnp.where(apart == 0, 1.0, apart))
+    rate = jnp.clip(rate, -_MOST_FELT, _MOST_FELT)  # in the last digits it is noise
+    return given + (found - given) / (1 - lax.stop_gradient(rate))
 
 
 def volume_defect(beta: Scalar, params: tuple[Arm, Scalar, SectionLoad, Scalar]) -> Scalar:
@@ -59,23 +72,15 @@ def volume_defect(beta: Scalar, params: tuple[Arm, Scalar, SectionLoad, Scalar])
     return beta * (1 + strains.extension - beta * arm.ventral * radius_at(arm, s) * strains.curvature) - 1
 
 
+def constraint_slope(arm: Arm, s: Scalar, load: SectionLoad, beta: Scalar, beta_s: Scalar) -> Scalar:
+    """dg/dbeta at given load: 1 at rest, 0 where the constraint folds."""
+    return _defect_rate(arm, s, load, beta, beta_s, beta_rate=1.0)
+
+
 def _root(arm: Arm, s: Scalar, load: SectionLoad, beta_s: Scalar) -> Scalar:
     params = (arm, s, load, beta_s)
     held = lax.stop_gradient(params)
     return differentiable_root(volume_defect, newton(volume_defect, jnp.ones(()), held, max_step=0.25), params)
-
-
-def _slope(
-    arm: Arm,
-    s: Scalar,
-    load: SectionLoad,
-    beta: Scalar,
-    beta_s: Scalar,
-    rates_at: Callable[[Scalar, Scalar], LoadRates],
-) -> Scalar:
-    """beta_s with the rates of the load, and |t_c|, taken at the `beta_s` given."""
-    drift = _defect_rate(arm, s, load, beta, beta_s, s_rate=1.0, rates=rates_at(beta, beta_s))
-    return -drift / _defect_rate(arm, s, load, beta, beta_s, beta_rate=1.0)
 
 
 def _defect_rate(

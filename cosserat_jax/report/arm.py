@@ -58,7 +58,7 @@ def muscle_line(muscle: Muscle, arm: Arm, fields: Fields) -> Float[np.ndarray, "
     held = np.asarray(fields.s)
     s = np.append(held[held < end], end)
     x, y, theta, beta = (np.interp(s, held, part) for part in (fields.x, fields.y, fields.theta, fields.beta))
-    offset = np.asarray(jax.vmap(lambda s: pull_at(muscle, arm, s, end, 1.0).offset)(s))
+    offset = np.asarray(jax.vmap(lambda s: pull_at(muscle, arm, s, True, 1.0).offset)(s))
     return _beside(x, y, theta, beta * offset)
 
 
@@ -171,7 +171,7 @@ def legend_handles(scenes: Sequence[Scene]) -> list[Line2D]:
 
 
 def _state(muscle: Muscle, arm: Arm) -> str:
-    return "muscle" if float(pull_at(muscle, arm, 0.0, 0.0, 1.0).tension) > 0 else "slack muscle"
+    return "muscle" if float(pull_at(muscle, arm, 0.0, True, 1.0).tension) > 0 else "slack muscle"
 
 
 def _wall(arm: Arm) -> Float[np.ndarray, "4 2"]:

@@ -25,20 +25,23 @@ def json_line(name: str, solution: Solution) -> str:
         "scene": name,
         "outcome": _outcome_names(solution.outcome).item(),
         "converged": bool(solution.converged),
-        "message": _sentence(solution),
+        "message": solution.message,
         "residual": _number(solution.residual),
         "iterations": int(solution.iterations),
         "steps": int(solution.steps),
         "tip": {key: _number(getattr(tip, key)) for key in _POSE},
         "tip_strain": {key: _number(getattr(strain, key)) for key in ("nu", "eta", "mu", "beta")},
         "tilt_deg": _number(np.degrees(solution.tilt)),
+        "condition": _number(solution.condition),
+        "load_fraction": float(solution.load_fraction),
+        "failed_at": _number(solution.failed_at),
     }
     return json.dumps(line, allow_nan=False)
 
 
 def solution_text(name: str, solution: Solution) -> str:
     """One solution in a few lines to read."""
-    lines = [f"{name}: {_sentence(solution)}"]
+    lines = [f"{name}: {solution.message}"]
     if bool(solution.converged):
         lines += [*_tip_lines("tip", solution), f"  tilt         {math.degrees(float(solution.tilt)):.6g} deg"]
     lines.append(f"  residual     {float(solution.residual):.2g} after {int(solution.iterations)} iterations")
@@ -153,7 +156,7 @@ def _motion_sentence(actuation: Actuation) -> str:
     if lost.size == 0 or np.isnan(actuation.responses[worst].peak.temperature):
         return sentence  # an arm whose muscle has no tension says no more than that
     count = f"{lost.size} of {len(actuation.times)} instants have no equilibrium"
-    return f"{sentence}; {count}, first at {actuation.times[lost[0]]:.6g} s: {_sentence(_one(solution, lost[0]))}"
+    return f"{sentence}; {count}, first at {actuation.times[lost[0]]:.6g} s: {_one(solution, lost[0]).message}"
 
 
 def _worst(actuation: Actuation) -> int:
@@ -175,7 +178,7 @@ def _rod_text(swept: Sweep, place: tuple[int, ...]) -> str:
         f"{path} = {values[i]:.6g} {unit_of(swept.scene, path)}".removesuffix(" 1")
         for (path, values), i in zip(swept.over.items(), place, strict=True)
     ]
-    return f"{', '.join(values)}: {_sentence(_one(swept.solution, place))}"
+    return f"{', '.join(values)}: {_one(swept.solution, place).message}"
 
 
 def _one(solution: Solution, place: Any) -> Solution:
@@ -188,12 +191,6 @@ def _outcome_names(outcome: Any, kind: type[eqx.Enumeration] = Outcome) -> np.nd
     (codes,) = jax.tree.leaves(outcome)
     by_code = {code: name for name, code in outcome_codes(kind).items()}
     return np.vectorize(by_code.__getitem__, otypes=[object])(codes)
-
-
-def _sentence(solution: Solution) -> str:
-    if bool(solution.converged):
-        return Outcome[solution.outcome]
-    return f"{Outcome[solution.outcome]} (reached {float(solution.load_fraction):.3g} of the load)"
 
 
 def _number(value: Any) -> float | None:

@@ -43,9 +43,11 @@ _FIELDS = {
 }
 _STATS = {
     "residual": ("1", "error of the clamp at the base, in radians and lengths of the arm"),
+    "condition": ("1", "condition number of the equation that clamps the base"),
     "iterations": ("1", "integrations with their Jacobian"),
     "steps": ("1", "steps of the last integration"),
     "load_fraction": ("1", "part of the load up to which the equilibrium was followed"),
+    "failed_at": ("m", "arc length at which the volume constraint folded or the integration stopped"),
 }
 
 
@@ -53,7 +55,8 @@ def solution_variables(dims: Dims, solution: Solution) -> dict[str, Variable]:
     """Every number of `solution`, whose leading axes are `dims`; the fields have an axis `s` after them.
 
     The tip's are `tip_x` and so on, the fields `x y theta nu eta mu beta N H M force_x force_y moment`; then `tilt`,
-    `outcome` with its flag meanings, `converged`, `residual`, `iterations`, `steps`, `load_fraction`.
+    `outcome` with its flag meanings, `converged`, `residual`, `condition`, `iterations`, `steps`,
+    `load_fraction`, `failed_at`.
     """
     data: dict[str, Variable] = {}
     for name, (unit, meaning) in _TIP.items():

@@ -13,6 +13,7 @@ import jax
 import jax.core
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 Scalar = Float[Array, ""] | float
@@ -146,6 +147,11 @@ def declaration(field: dataclasses.Field) -> Declaration | None:
 def as_floats(tree: Any) -> Any:
     """`tree` with every number in it a double-precision array, which JAX traces: another value is no recompile."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, float) if eqx.is_array_like(leaf) else leaf, tree)
+
+
+def is_traced(tree: Any) -> bool:
+    """Whether JAX hides a value of `tree`, as under `jit` and `vmap`, but not under a plain `grad` or `jacfwd`."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(lax.stop_gradient(tree)))
 
 
 def concrete(value: Any) -> np.ndarray | None:

@@ -1,5 +1,7 @@
 """How to solve: the integrators with their tolerances, along the arm and in time, and the shooting method."""
 
+import dataclasses
+
 import diffrax
 import equinox as eqx
 
@@ -10,19 +12,27 @@ from ..scene.quantity import concrete
 _SMALLEST_STEP = 1e-6  # of a segment: shorter steps are taken only where the section law has no solution
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
 _LONGEST_STEP = 0.1  # of a segment: longer ones would leave the fields between two steps less accurate than the tip
+_INTERVALS = 64  # of multiple shooting
+_PATIENCE = 60  # iterations of single shooting: what takes longer is mostly beyond it
+_FIRST_STEP = 0.1  # of a segment; choosing it from the equations would compile them twice more
 
 
 class Shooting(eqx.Module):
     """Integration from tip to base with diffrax, closed by Newton, with the loads raised in steps where that is needed.
 
     - `solver`: any diffrax solver for ODEs.
-    - `rtol`, `atol`: tolerances of the adaptive steps. The state is scaled for them by the tip section's bending
-      stiffness EJ: forces by EJ / L^2, moments by EJ / L, positions by L.
+    - `rtol`, `atol`: tolerances of the adaptive steps. The state is scaled for them by the bending stiffness EJ of the
+      section where a segment starts: forces by EJ / L^2, moments by EJ / L, positions by L.
     - `steps`: a number of equal steps in each segment instead of adaptive ones.
+    - `intervals`: 1 is single shooting, whose unknown is the pose of the tip. More is multiple shooting, which cuts the
+      arm into that many intervals, short where its state changes fast, with the state at every cut unknown: slower, and
+      not impressed by an arm pulled taut. None is single shooting, and multiple shooting with 64 intervals for a rod
+      that single shooting did not solve; the choice is made in Python, so it asks for values that JAX is not tracing:
+      under `jit` and `vmap`, None is 1. (`sweep` and `actuate` choose for each rod.)
     - `max_steps`: the most steps in a segment before the outcome is `integration_failed`.
     - `newton_tol`: Newton stops after a step below this, in radians and lengths; its own error is the square of that.
     - `max_iterations`: integrations, over all load steps, before the outcome is `iterations_exhausted`.
-    - `min_load_step`: fraction of the load below which a load step is given up as standing before a limit point.
+    - `min_load_step`: fraction of the load reached below which a load step is given up as standing before a limit.
     - `points`: number of equally spaced points from s = 0 to L at which the solution holds its fields.
     """
 
@@ -30,19 +40,44 @@ class Shooting(eqx.Module):
     rtol: float = eqx.field(static=True, default=1e-9)
     atol: float = eqx.field(static=True, default=1e-9)
     steps: int | None = eqx.field(static=True, default=None)
+    intervals: int | None = eqx.field(static=True, default=None)
     max_steps: int = eqx.field(static=True, default=4096)
     newton_tol: float = eqx.field(static=True, default=1e-6)
-    max_iterations: int = eqx.field(static=True, default=200)
+    max_iterations: int = eqx.field(static=True, default=400)
     min_load_step: float = eqx.field(static=True, default=1e-4)
     points: int = eqx.field(static=True, default=101)
+
+    @property
+    def is_multiple(self) -> bool:
+        """Whether the arm is cut into intervals."""
+        return self.intervals is not None and self.intervals > 1
+
+    @property
+    def single(self) -> "Shooting":
+        """The same by single shooting, which does not try for long where multiple shooting can follow."""
+        patience = min(self.max_iterations, _PATIENCE)
+        return self if self.intervals is not None else dataclasses.replace(self, intervals=1, max_iterations=patience)
+
+    @property
+    def multiple(self) -> "Shooting":
+        """The same by multiple shooting, for a rod that single shooting did not solve."""
+        return dataclasses.replace(self, intervals=_INTERVALS)
+
+    @property
+    def first_step(self) -> float:
+        """The length of the first step tried, of a segment or interval."""
+        if self.steps is not None:
+            return 1.0 / self.steps
+        return 1.0 if self.is_multiple else _FIRST_STEP
 
     @property
     def controller(self) -> diffrax.AbstractStepSizeController:
         """The step-size controller that these tolerances ask for."""
         if self.steps is not None:
             return diffrax.ConstantStepSize()
+        longest = None if self.is_multiple else _LONGEST_STEP
         return diffrax.PIDController(
-            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=_LONGEST_STEP, force_dtmin=False
+            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=longest, force_dtmin=False
         )
 
 

@@ -15,11 +15,11 @@ class Outcome(eqx.Enumeration):
         "equilibrium is lost at a limit point before the full load is reached: the arm would snap; lower the load"
     )
     ill_conditioned = (
-        "a change of the tip's pose is amplified beyond double precision on the way to the base, as in a soft arm "
-        "pulled taut; lower the load, stiffen or shorten the arm"
+        "single shooting loses the equilibrium, as that of a soft arm pulled taut, for which double precision holds no "
+        "pose of the tip that meets the base; use Shooting(intervals=64), as solve and sweep do outside jit and vmap"
     )
     integration_failed = (
-        "the integration along the arm did not finish; raise max_steps, loosen rtol and atol, or lower the load"
+        "the integration along the arm is too stiff to finish; raise max_steps, loosen rtol and atol, or lower the load"
     )
     iterations_exhausted = "the iterations are used up before the full load is reached; raise max_iterations"
     bad_input = "a parameter is NaN, infinite or out of its range; check the scene"

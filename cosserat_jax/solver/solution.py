@@ -56,8 +56,13 @@ class Solution(eqx.Module):
     - `tip` [m, m, rad], `tip_strain`, `fields` over s: NaN for a rod that has no solution.
     - `outcome`: an `Outcome`; `Outcome[solution.outcome]` is its sentence.
     - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm.
+      With multiple shooting, if it is larger, the largest gap between two intervals.
+    - `condition`: max(1, |A|) max(1, |A^-1|), A the Jacobian of the equation that clamps the base. In single shooting A
+      is d(pose of the base)/d(pose of the tip): as many of the 16 digits are lost as this has. Large where the tip's
+      pose is amplified, as in an arm pulled taut, and near a limit point.
     - `iterations`: integrations with their Jacobian, over all load steps. `steps`: of the last integration.
     - `load_fraction`: the part of the load up to which the equilibrium was followed; 1 where converged.
+    - `failed_at`: arc length s [m] at which the volume constraint folded or the integration stopped, else NaN.
     """
 
     tip: Pose
@@ -65,9 +70,20 @@ class Solution(eqx.Module):
     fields: Fields
     outcome: Outcome
     residual: Float[Array, "..."]
+    condition: Float[Array, "..."]
     iterations: Int[Array, "..."]
     steps: Int[Array, "..."]
     load_fraction: Float[Array, "..."]
+    failed_at: Float[Array, "..."]
+
+    @property
+    def message(self) -> str:
+        """What came of one rod, in a sentence, and for one without solution at which part of the load and where."""
+        sentence = Outcome[self.outcome]
+        if bool(self.converged):
+            return sentence
+        place = "" if jnp.isnan(self.failed_at) else f", at s = {float(self.failed_at):.3g} m"
+        return f"{sentence} (reached {float(self.load_fraction):.3g} of the load{place})"
 
     @property
     def converged(self) -> Bool[Array, "..."]:

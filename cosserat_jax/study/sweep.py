@@ -18,6 +18,7 @@ from jax.typing import ArrayLike
 from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
 from ..scene.quantity import as_floats
 from ..solver import Shooting, Solution, solve
+from .batch import solve_rods
 from .checkpoint import Checkpoint
 
 if TYPE_CHECKING:
@@ -55,10 +56,11 @@ def sweep(
 ) -> Sweep:
     """Solves `scene` for every combination of the values in `over`, {path: 1-D values in SI}, the first path outermost.
 
-    Rods are solved `batch` at a time by one compiled program. `progress` shows a bar on a terminal. With `checkpoint`,
-    a folder, every batch is kept as it ends, and the same sweep started again takes up where it was stopped, to the
-    same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or a value that is
-    not allowed. A rod that has no solution does not raise: see `Sweep.solution.outcome`.
+    Rods are solved `batch` at a time by one compiled program, and those that single shooting does not solve again by
+    multiple shooting, unless `method` says how many `intervals`. `progress` shows a bar on a terminal. With
+    `checkpoint`, a folder, every batch is kept as it ends, and the same sweep started again takes up where it was
+    stopped, to the same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or
+    a value that is not allowed. A rod that has no solution does not raise: see `Sweep.solution.outcome`.
     """
     grid = {path: _values(scene, path, values) for path, values in over.items()}
     if not grid:
@@ -96,7 +98,8 @@ def _solved(
     """The leaves of one batch's solutions, taken from the checkpoint where it has them."""
     leaves = None if store is None else store.load(index)
     if leaves is None:
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(_solve_batch(scene, values, method))]
+        solution = solve_rods(lambda rods, method: _solve_batch(scene, rods, method), values, method)
+        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(solution)]
         if store is not None:
             store.save(index, leaves)
     return leaves

@@ -1,0 +1,347 @@
+"""Multiple shooting: the arm cut into intervals, the state at every cut unknown.
+
+An arm pulled taut makes two neighbouring solutions part like exp of the integral of sqrt(F.a / (c E J)) along it,
+whichever end one starts from, and past exp(30) no pose of the tip decides anything at the base in double precision.
+Over a short interval they hardly part. With u_i the state at cut i, from the tip, and phi_i the integration onward,
+
+    phi_i(u_i) = u_i+1        u_0 = tip(pose)        pose(u_n) = clamp
+
+is solved by Newton for all u_i at once. Its linear system is solved by a stabilised march (Godunov 1961; Conte 1966):
+du_i = P_i w_i + c_i, P_i an orthonormal basis of what the tip's pose can do at cut i, carried to the base, where the
+clamp gives w_n, and w back to the tip. The intervals are short where force or curvature is large, and are cut anew
+before every load.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from ..physics.implicit import solve_linear
+from ..physics.muscles import stretches as stretches_of
+from ..physics.rod import Rod, RodState, derivative
+from ..physics.section import stiffness_at
+from ..scene import Scene
+from ..scene.quantity import Scalar
+from ..scene.validate import is_allowed
+from .continuation import Attempt, Formulation, Found, follow
+from .equilibrium import Scalars
+from .integrate import Progress, Shot, Stretch, gather, integrate, state_at_tip
+from .method import Shooting
+from .outcome import Outcome
+
+
+class Nodes(NamedTuple):
+    """Where the arm is cut, s / L from the tip to the base without the ends of the arm and of muscles, and the states
+    at all of them: (theta, F1, F2, M) or (theta, x, y, F1, F2, M), in the units of the bending stiffness there."""
+
+    cuts: Float[Array, " cuts"]
+    states: Float[Array, "nodes size"]
+
+
+class MultipleShooting(Formulation):
+    """The pose is the `Nodes`."""
+
+    scene: Scene
+    method: Shooting
+
+    @property
+    def first_load(self) -> float:
+        return 0.0
+
+    @property
+    def first_step(self) -> float:
+        return 0.05
+
+    @property
+    def reach(self) -> float:
+        return 1.0
+
+    def rest(self) -> Nodes:
+        rod = Rod.of(self.scene, 0.0)
+        cuts = jnp.linspace(1.0, 0.0, _intervals(self.method) + 1)[1:-1]
+        s, _ = _mesh(rod, cuts)
+        angle = jnp.full(s.shape, self.scene.arm.base_angle)
+        pose = [angle, s / s[0] * jnp.cos(angle), s / s[0] * jnp.sin(angle)][: _unknowns(rod)]
+        return Nodes(cuts, jnp.stack([*pose, *jnp.zeros((3, s.size))], axis=1))
+
+    def attempt(self, load: Float[Array, ""], pose: Nodes) -> Attempt:
+        def rod_of(load: Float[Array, " 1"]) -> Rod:
+            return Rod.of(self.scene, load[0])
+
+        linear = linearised(rod_of, load[None], pose, self.method)
+        change, jacobian = linear.solve()
+        newton, rate = (Nodes(jnp.zeros_like(pose.cuts), change[..., i]) for i in range(2))
+        return Attempt(
+            pose=Nodes(pose.cuts, linear.states + newton.states),
+            step=self.size(newton),
+            error=linear.error,
+            rate=rate,
+            jacobian=jacobian,
+            progress=linear.progress,
+        )
+
+    def predict(self, pose: Nodes, rate: Nodes, load: Array, ahead: Array) -> Nodes:
+        states = pose.states + (ahead - load) * rate.states
+        return _cut_anew(Rod.of(self.scene, ahead), Nodes(pose.cuts, states))
+
+    def size(self, change: Nodes) -> Array:
+        return jnp.max(jnp.abs(change.states[:, : change.states.shape[1] - 3]))
+
+    def reason(self, attempt: Attempt, at: Array) -> Outcome:
+        reason = Outcome.where(attempt.progress.finished, Outcome.limit_point, Outcome.integration_failed)
+        return Outcome.where(attempt.progress.folded, Outcome.volume_constraint_folded, reason)
+
+
+def find_nodes(scene: Scene, method: Shooting) -> Found:
+    """The nodes at equilibrium, without derivatives."""
+    scene = lax.stop_gradient(scene)
+    return follow(MultipleShooting(scene, method), is_allowed(scene), method)
+
+
+def shoot_between(
+    rod: Rod, nodes: Nodes, method: Shooting, points: Float[Array, " points"]
+) -> tuple[Shot, Float[Array, ""]]:
+    """The integration from every node to the next as one `Shot` with the base at the origin, and the largest error."""
+    s, _ = _mesh(rod, nodes.cuts)
+    stretches, ends = _integrate_all(rod, nodes, method, points)
+    start = jax.vmap(lambda s, u: _state(rod, u, s))(s[:-1], nodes.states[:-1])
+
+    def placed(begin: Any, end: Any, saved: Array) -> Array:
+        place = -jnp.cumsum((end - begin)[::-1])[::-1]
+        return place[:, None] + saved - begin[:, None]
+
+    at: Any = stretches.saved
+    at = at._replace(x=placed(start.x, stretches.end.x, at.x), y=placed(start.y, stretches.end.y, at.y))
+    base = jax.tree.map(lambda leaf: leaf[-1], stretches.end)
+    base = base._replace(x=jnp.zeros(()), y=jnp.zeros(()))
+    return Shot(base, gather(at, s, points), stretches.progress.over_all()), _error(rod, nodes.states, ends)
+
+
+def total_rates(
+    rod_of: Callable[[Scalars], Rod], method: Shooting, function: Callable, nodes: Nodes, params: Scalars, moving: tuple
+) -> tuple:
+    """`function(nodes, params)` and its total derivative by the moving parameters, `nodes` following; see `at_root`."""
+
+    def with_moving(values: Float[Array, " moving"]) -> Scalars:
+        moved = dict(zip(moving, values, strict=True))
+        return [moved.get(i, param) for i, param in enumerate(params)]
+
+    at = jnp.stack([params[i] for i in moving])
+    change, _ = linearised(lambda values: rod_of(with_moving(values)), at, nodes, method).solve()
+
+    def along(states_step: Array, values_step: Array) -> tuple:
+        def of(states: Array, values: Array) -> Any:
+            return function(Nodes(nodes.cuts, states), with_moving(values))
+
+        return jax.jvp(of, (nodes.states, at), (states_step, values_step))
+
+    return jax.vmap(along, out_axes=(None, -1))(jnp.moveaxis(change[..., 1:], -1, 0), jnp.eye(len(moving)))
+
+
+class Linearised(NamedTuple):
+    """The system of multiple shooting at `states`, and its derivatives by the states and by some parameters.
+
+    - `states`: those given, the first one put on the tip's condition. `ends`: phi(u).
+    - `growth` d phi / d u, `rates` d phi / d parameters. `tip`, `tip_rates`: d u_0 by the tip's pose, by parameters.
+    - `clamp_error`, `clamp_rates`: of the pose at the base.
+    """
+
+    states: Float[Array, "nodes size"]
+    ends: Float[Array, "intervals size"]
+    growth: Float[Array, "intervals size size"]
+    rates: Float[Array, "intervals size params"]
+    tip: Float[Array, "size unknowns"]
+    tip_rates: Float[Array, "size params"]
+    clamp_error: Float[Array, " unknowns"]
+    clamp_rates: Float[Array, "unknowns params"]
+    error: Float[Array, ""]
+    progress: Progress
+
+    def solve(self) -> tuple[Float[Array, "nodes size params+1"], Float[Array, "unknowns unknowns"]]:
+        """Newton's step and, beside it, d(states)/d(parameters); and the Jacobian of the clamp's equation."""
+        jumps = jnp.concatenate([(self.ends - self.states[1:])[..., None], self.rates], axis=-1)
+        start = jnp.pad(self.tip_rates, ((0, 0), (1, 0)))
+        clamp = jnp.concatenate([-self.clamp_error[:, None], self.clamp_rates], axis=-1)
+        return _march(self.growth, jumps, self.tip, start, clamp)
+
+
+def linearised(
+    rod_of: Callable[[Array], Rod], params: Float[Array, " params"], nodes: Nodes, method: Shooting
+) -> Linearised:
+    """The system at `nodes` of the rod `rod_of(params)`; see `Linearised`.
+
+    phi_i depends on u_i alone, so the same change of every state at once shows all blocks of the Jacobian.
+    """
+    size, rod = nodes.states.shape[1], rod_of(params)
+    unknowns = _unknowns(rod)
+    pose = nodes.states[0, :unknowns]
+
+    def at_tip(pose: Array, params: Array) -> Array:
+        rod = rod_of(params)
+        return _vector(rod, state_at_tip(rod, pose), rod.arm.length)
+
+    states = nodes.states.at[0].set(at_tip(pose, params))
+    tip, tip_rates = jax.jacfwd(at_tip, argnums=(0, 1))(pose, params)
+
+    def along(states_step: Array, params_step: Array) -> tuple:
+        def integrated(states: Array, params: Array) -> tuple[Array, Progress]:
+            stretches, ends = _integrate_all(rod_of(params), Nodes(nodes.cuts, states), method)
+            return ends, stretches.progress
+
+        steps = jnp.broadcast_to(states_step, states.shape), params_step
+        return jax.jvp(integrated, (states, params), steps, has_aux=True)
+
+    both = jnp.eye(size + params.size)
+    ends, rates, progress = jax.vmap(along, out_axes=(None, -1, None))(both[:, :size], both[:, size:])
+    clamp_rates = jax.jacfwd(lambda params: _clamp(rod_of(params)))(params)
+    clamp_error = states[-1, :unknowns] - _clamp(rod)
+    return Linearised(
+        states, ends, rates[..., :size], rates[..., size:], tip, tip_rates, clamp_error, clamp_rates,
+        _error(rod, states, ends), progress.over_all(),
+    )  # fmt: skip
+
+
+def _march(
+    growth: Array, jumps: Array, tip: Array, start: Array, clamp: Array
+) -> tuple[Float[Array, "nodes size columns"], Float[Array, "unknowns unknowns"]]:
+    """du with du_i+1 = growth_i du_i + jumps_i, du_0 = tip w + start and the pose of du_n = clamp."""
+    unknowns = tip.shape[1]
+
+    def split(basis: Array, rest: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        basis, triangle = _orthonormal(basis)
+        along = basis.T @ rest
+        return (basis, rest - basis @ along), (triangle, along)
+
+    def onward(carry: tuple, interval: tuple) -> tuple:
+        basis, rest = carry
+        matrix, jump = interval
+        after, taken = split(matrix @ basis, matrix @ rest + jump)
+        return after, (carry, taken)
+
+    def back(w: Array, taken: tuple) -> tuple[Array, Array]:
+        triangle, along = taken
+        w = _solve(triangle, w - along)
+        return w, w
+
+    first, _ = split(tip, start)
+    last, (bases, taken) = lax.scan(onward, first, (growth, jumps))
+    jacobian = last[0][:unknowns]
+    at_base = _solve(jacobian, clamp - last[1][:unknowns])
+    _, w = lax.scan(back, at_base, taken, reverse=True)
+    basis, rest = jax.tree.map(lambda before, end: jnp.concatenate([before, end[None]]), bases, last)
+    return basis @ jnp.concatenate([w, at_base[None]]) + rest, jacobian
+
+
+def _orthonormal(matrix: Float[Array, "size unknowns"]) -> tuple[Array, Array]:
+    """Q and upper triangular R, its diagonal positive, with Q R = matrix: Gram-Schmidt, for one or three columns."""
+    columns, triangle = [], jnp.zeros((matrix.shape[1], matrix.shape[1]))
+    for j in range(matrix.shape[1]):
+        column = matrix[:, j]
+        for i, other in enumerate(columns):
+            part = other @ column
+            column, triangle = column - part * other, triangle.at[i, j].set(part)
+        length = jnp.sqrt(column @ column)
+        columns.append(column / length)
+        triangle = triangle.at[j, j].set(length)
+    return jnp.stack(columns, axis=1), triangle
+
+
+def _solve(matrix: Array, rhs: Array) -> Array:
+    return jax.vmap(lambda column: solve_linear(matrix, column)[0], 1, 1)(rhs)
+
+
+def _integrate_all(
+    rod: Rod, nodes: Nodes, method: Shooting, points: Float[Array, " points"] | None = None
+) -> tuple[Stretch, Float[Array, "intervals size"]]:
+    """Every interval, side by side, and the states at the ends of all as the next node has them."""
+    s, active = _mesh(rod, nodes.cuts)
+    start = jax.vmap(lambda s, u: _state(rod, u, s))(s[:-1], nodes.states[:-1])
+    stretches = jax.vmap(lambda u, begin, end, active: integrate(rod, u, begin, end, active, method, points))(
+        start, s[:-1], s[1:], active
+    )
+    return stretches, jax.vmap(lambda s, end: _vector(rod, end, s))(s[1:], stretches.end)
+
+
+def _cut_anew(rod: Rod, nodes: Nodes) -> Nodes:
+    """Cuts that share out evenly the lengths over which the state changes, and the states there by cubics through the
+    nodes and their slopes."""
+    (s, active), length = _mesh(rod, nodes.cuts), rod.arm.length
+    step = s[1:] - s[:-1]
+    physical = jax.vmap(lambda s, u: u * _units(rod, s))(s, nodes.states)
+
+    def slope(s: Array, u: Array, active: Array) -> Array:
+        return _components(rod, derivative(rod, s, _state(rod, u, s), active)[0])
+
+    at = (
+        jnp.concatenate([s[:-1], s[1:]]),
+        jnp.concatenate([nodes.states[:-1], nodes.states[1:]]),
+        jnp.tile(active, (2, 1)),
+    )
+    # where the prediction lies beyond a fold there is no slope; the integration will say so
+    first, last = jnp.split(jnp.nan_to_num(jax.vmap(slope)(*at)), 2)
+
+    force = jnp.sqrt(physical[:, -3] ** 2 + physical[:, -2] ** 2)
+    bending = jax.vmap(lambda s: stiffness_at(rod.arm, s, 1.0).bending)(s)
+    pull = jnp.sqrt(force / bending)
+    density = 2 / length + (pull[1:] + pull[:-1]) / 2 + (jnp.abs(first[:, 0]) + jnp.abs(last[:, 0])) / 4
+    total = jnp.concatenate([jnp.zeros(1), jnp.cumsum(-step * density)])
+    cuts = jnp.interp(jnp.linspace(0.0, 1.0, nodes.cuts.size + 2)[1:-1] * total[-1], total, s) / length
+
+    target, _ = _mesh(rod, cuts)
+    i = jnp.clip(jnp.searchsorted(-s, -target) - 1, 0, step.size - 1)
+    h = jnp.where(step[i] < 0, step[i], -1.0)[:, None]  # an interval between equal ends has no length
+    t = jnp.clip((target - s[i])[:, None] / h, 0.0, 1.0)
+    begin, end = physical[i], physical[i + 1]
+    cubic = begin * (1 + 2 * t) * (1 - t) ** 2 + end * t**2 * (3 - 2 * t)
+    cubic += h * t * (1 - t) * (first[i] * (1 - t) - last[i] * t)
+    return Nodes(cuts, cubic / jax.vmap(lambda s: _units(rod, s))(target))
+
+
+def _mesh(rod: Rod, cuts: Float[Array, " cuts"]) -> tuple[Float[Array, " nodes"], Bool[Array, "intervals muscles"]]:
+    """Arc lengths [m] of all nodes, from the tip to the base, and the muscles that are active between them."""
+    return stretches_of(rod.muscles, rod.arm, cuts * rod.arm.length)
+
+
+def _error(rod: Rod, states: Array, ends: Array) -> Float[Array, ""]:
+    """The largest error of the clamp and of a state that meets the next, in parts of it where it is large."""
+    met = jnp.max(jnp.abs(ends - states[1:]) / (1 + jnp.abs(states[1:])))
+    return jnp.maximum(met, jnp.max(jnp.abs(states[-1, : _unknowns(rod)] - _clamp(rod))))
+
+
+def _clamp(rod: Rod) -> Float[Array, " unknowns"]:
+    return jnp.stack([jnp.asarray(rod.arm.base_angle, float), jnp.zeros(()), jnp.zeros(())])[: _unknowns(rod)]
+
+
+def _unknowns(rod: Rod) -> int:
+    return 3 if rod.depends_on_position else 1
+
+
+def _intervals(method: Shooting) -> int:
+    assert method.intervals is not None
+    return method.intervals
+
+
+def _units(rod: Rod, s: Scalar) -> Float[Array, " size"]:
+    length, bending = rod.arm.length, stiffness_at(rod.arm, s, 1.0).bending
+    force, one = bending / length**2, jnp.ones(())
+    pose = [one, length, length][: _unknowns(rod)]
+    return lax.stop_gradient(jnp.stack([*pose, force, force, bending / length]))
+
+
+def _components(rod: Rod, state: RodState) -> Float[Array, " size"]:
+    pose = [state.theta, state.x, state.y][: _unknowns(rod)]
+    return jnp.stack([*pose, state.force_x, state.force_y, state.moment])
+
+
+def _vector(rod: Rod, state: RodState, s: Scalar) -> Float[Array, " size"]:
+    return _components(rod, state) / _units(rod, s)
+
+
+def _state(rod: Rod, vector: Float[Array, " size"], s: Scalar) -> RodState:
+    theta, *place, force_x, force_y, moment = list(vector * _units(rod, s))
+    x, y = place if place else jnp.zeros(2)
+    return RodState(x, y, theta, jnp.cos(theta), jnp.sin(theta), force_x, force_y, moment)
