@@ -180,7 +180,7 @@ def test_netcdf_reads_back_complete(run: Run, tmp_path: Path) -> None:
         assert found == {name: dims for dims, names in VARIABLES.items() for name in names.split()}
         for name, variable in data.variables.items():
             assert {"units", "long_name"} <= set(variable.attrs), name
-            assert np.isfinite(variable).all(), name
+            assert (np.isnan if name == "failed_at" else np.isfinite)(variable).all(), name
         assert {name: data[name].attrs["units"] for name in UNITS} == UNITS
         assert {"title", "scene", "versions", "date"} <= set(data.attrs)
         (tmp_path / "scene.toml").write_text(data.attrs["scene"])
