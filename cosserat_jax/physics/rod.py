@@ -71,6 +71,11 @@ class Rod(eqx.Module):
         return any(load.depends_on_position for load in self.loads)
 
     @property
+    def unknowns(self) -> int:
+        """Of shooting: the angle of the tip, or its pose where a load depends on position."""
+        return 3 if self.depends_on_position else 1
+
+    @property
     def is_rigid(self) -> bool:
         """Whether the cross-section keeps its size, so that the volume constraint is left out of the program."""
         return self.arm.cross_section == "rigid"

@@ -56,6 +56,11 @@ class Formulation(eqx.Module):
 
     @property
     @abc.abstractmethod
+    def unknowns(self) -> int:
+        """Of the equation that clamps the base."""
+
+    @property
+    @abc.abstractmethod
     def first_load(self) -> float:
         """Fraction of the load at which Newton's first step is taken, as it is, for the linear response."""
 
@@ -130,11 +135,10 @@ def follow(formulation: Formulation, allowed: Bool[Array, ""], method: Shooting)
     """The pose at full load of the branch that starts at rest, or how far it was followed, without derivatives."""
     start = formulation.rest()
     zero, one, none = jnp.zeros(()), jnp.ones(()), jnp.zeros((), int)
-    at_rest = jax.eval_shape(lambda: formulation.attempt(one, start)).jacobian
     walk = _Walk(
-        pose=start, load=zero, rate=jax.tree.map(jnp.zeros_like, start), jacobian=jnp.eye(at_rest.shape[0]), loss=zero,
-        load_step=formulation.first_step * one, trial_load=formulation.first_load * one, trial_pose=start,
-        last_step=jnp.inf * one, drift=zero, newton_steps=none, iterations=none,
+        pose=start, load=zero, rate=jax.tree.map(jnp.zeros_like, start), jacobian=jnp.eye(formulation.unknowns),
+        loss=zero, load_step=formulation.first_step * one, trial_load=formulation.first_load * one,
+        trial_pose=start, last_step=jnp.inf * one, drift=zero, newton_steps=none, iterations=none,
         outcome=Outcome.where(allowed, Outcome.converged, Outcome.bad_input), stopped_at=zero, running=allowed,
     )  # fmt: skip
     walk = lax.while_loop(lambda walk: walk.running, lambda walk: _pass(formulation, method, walk), walk)

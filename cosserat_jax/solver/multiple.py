@@ -49,6 +49,10 @@ class MultipleShooting(Formulation):
     method: Shooting
 
     @property
+    def unknowns(self) -> int:
+        return Rod.of(self.scene).unknowns
+
+    @property
     def first_load(self) -> float:
         return 0.0
 
@@ -65,7 +69,7 @@ class MultipleShooting(Formulation):
         cuts = jnp.linspace(1.0, 0.0, _intervals(self.method) + 1)[1:-1]
         s, _ = _mesh(rod, cuts)
         angle = jnp.full(s.shape, self.scene.arm.base_angle)
-        pose = [angle, s / s[0] * jnp.cos(angle), s / s[0] * jnp.sin(angle)][: _unknowns(rod)]
+        pose = [angle, s / s[0] * jnp.cos(angle), s / s[0] * jnp.sin(angle)][: rod.unknowns]
         return Nodes(cuts, jnp.stack([*pose, *jnp.zeros((3, s.size))], axis=1))
 
     def attempt(self, load: Float[Array, ""], pose: Nodes) -> Attempt:
@@ -177,7 +181,7 @@ def linearised(
     phi_i depends on u_i alone, so the same change of every state at once shows all blocks of the Jacobian.
     """
     size, rod = nodes.states.shape[1], rod_of(params)
-    unknowns = _unknowns(rod)
+    unknowns = rod.unknowns
     pose = nodes.states[0, :unknowns]
 
     def at_tip(pose: Array, params: Array) -> Array:
@@ -309,15 +313,11 @@ def _mesh(rod: Rod, cuts: Float[Array, " cuts"]) -> tuple[Float[Array, " nodes"]
 def _error(rod: Rod, states: Array, ends: Array) -> Float[Array, ""]:
     """The largest error of the clamp and of a state that meets the next, in parts of it where it is large."""
     met = jnp.max(jnp.abs(ends - states[1:]) / (1 + jnp.abs(states[1:])))
-    return jnp.maximum(met, jnp.max(jnp.abs(states[-1, : _unknowns(rod)] - _clamp(rod))))
+    return jnp.maximum(met, jnp.max(jnp.abs(states[-1, : rod.unknowns] - _clamp(rod))))
 
 
 def _clamp(rod: Rod) -> Float[Array, " unknowns"]:
-    return jnp.stack([jnp.asarray(rod.arm.base_angle, float), jnp.zeros(()), jnp.zeros(())])[: _unknowns(rod)]
-
-
-def _unknowns(rod: Rod) -> int:
-    return 3 if rod.depends_on_position else 1
+    return jnp.stack([jnp.asarray(rod.arm.base_angle, float), jnp.zeros(()), jnp.zeros(())])[: rod.unknowns]
 
 
 def _intervals(method: Shooting) -> int:
@@ -328,12 +328,12 @@ def _intervals(method: Shooting) -> int:
 def _units(rod: Rod, s: Scalar) -> Float[Array, " size"]:
     length, bending = rod.arm.length, stiffness_at(rod.arm, s, 1.0).bending
     force, one = bending / length**2, jnp.ones(())
-    pose = [one, length, length][: _unknowns(rod)]
+    pose = [one, length, length][: rod.unknowns]
     return lax.stop_gradient(jnp.stack([*pose, force, force, bending / length]))
 
 
 def _components(rod: Rod, state: RodState) -> Float[Array, " size"]:
-    pose = [state.theta, state.x, state.y][: _unknowns(rod)]
+    pose = [state.theta, state.x, state.y][: rod.unknowns]
     return jnp.stack([*pose, state.force_x, state.force_y, state.moment])
 
 

@@ -30,6 +30,10 @@ class SingleShooting(Formulation):
     method: Shooting
 
     @property
+    def unknowns(self) -> int:
+        return Rod.of(self.scene).unknowns
+
+    @property
     def first_load(self) -> float:
         return 1e-4
 
@@ -44,7 +48,7 @@ class SingleShooting(Formulation):
     def rest(self) -> Float[Array, " unknowns"]:
         angle = jnp.asarray(self.scene.arm.base_angle, float)
         pose = [angle, jnp.cos(angle), jnp.sin(angle)]
-        return jnp.stack(pose if Rod.of(self.scene).depends_on_position else pose[:1])
+        return jnp.stack(pose[: self.unknowns])
 
     def attempt(self, load: Float[Array, ""], pose: Float[Array, " unknowns"]) -> Attempt:
         def error_of(pose: Array) -> tuple[Array, Shot]:
