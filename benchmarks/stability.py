@@ -8,7 +8,8 @@ up to 6 E pi R_tip^3 / (4 L), currents of up to 2 m/s either way. NUMBER names o
 what each method makes of it.
 
 - "default": `solve` as called, that is single shooting from the tip and, where it loses the branch, multiple shooting.
-- "from the base": plain single shooting, Newton (optimistix) on the force and moment at the base, cold at full load.
+- "from the base": plain single shooting, Newton (optimistix) on the force and moment at the base, cold at full load;
+  20 iterations, 200 steps between muscle ends.
 - "cold", "load-stepped": `scipy.integrate.solve_bvp` on the reference formulation of the tests, on the first of the
   scenes, each given up after 15 s. Load-stepped it may step over a limit point whose snap is small.
 - The equilibrium meant is the one that raising all loads in proportion reaches. Where the default finds that it ends
@@ -20,27 +21,24 @@ what each method makes of it.
 """
 
 import argparse
-import signal
 import time
 from collections import Counter
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import diffrax
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
-from collocation import hard, reference
+from collocation import hard
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from rivals import BATCH, Tip, by_structure, collocated, from_base, stacked
 from timing import line, machine, table
 
 from cosserat_jax import Scene, Shooting, Solution, dumps, load, replace, solve, sweep
-from cosserat_jax.physics.muscles import stretches
-from cosserat_jax.physics.rod import Rod, RodState, derivative
-from cosserat_jax.physics.section import stiffness_at
 from cosserat_jax.scene.quantity import as_floats
 from cosserat_jax.solver import outcome_codes
 from cosserat_jax.study.batch import solve_rods
@@ -50,40 +48,16 @@ Claim: of scenes that load-stepped collocation solves, the default finds at leas
        that it calls converged lies elsewhere; every rod without an equilibrium is confirmed by both formulations."""
 
 SEED = 2026
-BATCH = 64
 METHOD = Shooting(points=3)
 NAMES = {code: name for name, code in outcome_codes().items()}
-LOOKS = {  # colour and marker of an outcome
-    "converged": ("0.8", "s"),
-    "limit_point": ("tab:orange", "s"),
-    "volume_constraint_folded": ("tab:blue", "s"),
-    "integration_failed": ("tab:red", "s"),
-    "iterations_exhausted": ("tab:purple", "s"),
-    "ill_conditioned": ("k", "s"),
+COLOURS = {
+    "converged": "0.8",
+    "limit_point": "tab:orange",
+    "volume_constraint_folded": "tab:blue",
+    "integration_failed": "tab:red",
+    "iterations_exhausted": "tab:purple",
+    "ill_conditioned": "k",
 }
-
-
-class Tip(NamedTuple):
-    """What a method makes of a scene: a tip [m] if it found one, and how."""
-
-    found: bool
-    x: float
-    y: float
-    how: str
-    seconds: float
-
-
-def stacked(scenes: list[Scene]) -> Scene:
-    """Scenes of one structure as one, with an axis in front of every number."""
-    return jax.tree.map(lambda *leaves: jnp.asarray(leaves, float), *scenes)
-
-
-def by_structure(scenes: list[Scene]) -> list[list[int]]:
-    """The numbers of the scenes, those that one program serves together."""
-    groups: dict[Any, list[int]] = {}
-    for number, scene in enumerate(scenes):
-        groups.setdefault(jax.tree.structure(scene), []).append(number)
-    return list(groups.values())
 
 
 @eqx.filter_jit
@@ -106,84 +80,6 @@ def solved(scenes: list[Scene], method: Shooting) -> tuple[Solution, float]:
             spent += (time.perf_counter() - begin) * len(some) / BATCH
             parts |= {i: jax.tree.map(lambda leaf, j=j: np.asarray(leaf[j]), solution) for j, i in enumerate(some)}
     return jax.tree.map(lambda *leaves: np.stack(leaves), *(parts[i] for i in range(len(scenes)))), spent
-
-
-@eqx.filter_jit
-def shoot_from_base(scenes: Scene) -> tuple[jax.Array, ...]:
-    """(found, x, y) of each rod by Newton on force and moment at the base, cold at full load."""
-
-    def one(scene: Scene) -> tuple[jax.Array, ...]:
-        rod = Rod.of(scene)
-        length, bending = scene.arm.length, stiffness_at(scene.arm, 0.0, 1.0).bending
-        units = jnp.stack([bending / length**2, bending / length**2, bending / length])
-        ends, active = (part[::-1] for part in stretches(rod.muscles, rod.arm))
-
-        def at_tip(clamp: jax.Array) -> tuple[RodState, jax.Array]:
-            def segment(state: RodState, span: tuple) -> tuple[RodState, jax.Array]:
-                begin, end, active = span
-
-                def slope(tau: Any, state: Any, _: Any) -> RodState:
-                    d_ds = derivative(rod, begin + (end - begin) * tau, state, active)[0]
-                    return jax.tree.map(lambda d: d * (end - begin), d_ds)
-
-                run = diffrax.diffeqsolve(
-                    diffrax.ODETerm(slope), diffrax.Dopri8(), 0.0, 1.0, 0.1, state, max_steps=1000, throw=False,
-                    stepsize_controller=diffrax.PIDController(1e-9, 1e-9, dtmin=1e-6, force_dtmin=False),
-                    adjoint=diffrax.ForwardMode(),
-                )  # fmt: skip
-                return jax.tree.map(lambda y: y[-1], run.ys), run.result == diffrax.RESULTS.successful
-
-            zero, angle = jnp.zeros(()), scene.arm.base_angle
-            start = RodState(zero, zero, angle + zero, jnp.cos(angle), jnp.sin(angle), *(clamp * units))
-            state, finished = jax.lax.scan(segment, start, (ends[:-1], ends[1:], active))
-            return state, finished.all()
-
-        def unbalanced(clamp: jax.Array, _: Any) -> jax.Array:
-            state, _ = at_tip(clamp)
-            return jnp.stack([state.force_x, state.force_y, state.moment]) / units
-
-        newton = optx.Newton(rtol=1e-9, atol=1e-9)
-        root = optx.root_find(unbalanced, newton, jnp.zeros(3), options={"jac": "fwd"}, max_steps=50, throw=False)
-        state, finished = at_tip(root.value)
-        small = jnp.max(jnp.abs(unbalanced(root.value, None))) < 1e-6
-        return finished & small, state.x, state.y
-
-    return jax.vmap(one)(scenes)
-
-
-def from_base(scenes: list[Scene]) -> tuple[list[Tip], float]:
-    """The tips that plain shooting from the base finds, and the seconds, compiling apart."""
-    tips: dict[int, Tip] = {}
-    spent = 0.0
-    for numbers in by_structure(scenes):
-        shoot_from_base(stacked([scenes[numbers[0]]] * BATCH))
-        for start in range(0, len(numbers), BATCH):
-            some = numbers[start : start + BATCH]
-            begin = time.perf_counter()
-            found, x, y = map(np.asarray, shoot_from_base(stacked([scenes[i] for i in np.resize(some, BATCH)])))
-            seconds = time.perf_counter() - begin
-            spent += seconds * len(some) / BATCH
-            tips |= {i: Tip(bool(found[j]), x[j], y[j], "", seconds / BATCH) for j, i in enumerate(some)}
-    return [tips[i] for i in range(len(scenes))], spent
-
-
-def collocated(plain: dict[str, Any], cold: bool, limit: int = 15) -> Tip:
-    """What `solve_bvp` makes of a scene within `limit` seconds."""
-
-    def give_up(*_: Any) -> None:
-        raise TimeoutError
-
-    signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(limit)
-    begin = time.perf_counter()
-    try:
-        found = reference.solve(plain, tol=1e-8, cold=cold)
-        outcome = (found.converged, found.x, found.y, found.message)
-    except TimeoutError:
-        outcome = (False, np.nan, np.nan, f"given up after {limit} s")
-    finally:
-        signal.alarm(0)
-    return Tip(*outcome, time.perf_counter() - begin)
 
 
 def apart(plain: dict[str, Any], solution: Solution, number: int, tip: Tip) -> float:
@@ -232,57 +128,60 @@ def gradient_errors(scenes: list[Scene], solution: Solution, count: int) -> list
 def outcome_maps(path: Path, size: int) -> None:
     """Outcomes of a soft octopus arm over tension and slenderness, and over velocity and modulus."""
     octopus = replace(load("octopus"), {"arm.youngs_modulus": 1e6, "water.velocity": -0.3})
-    tension, length = np.linspace(0.0, 4.0, size), np.geomspace(0.15, 1.5, size)
-    speed, modulus = np.linspace(-2.0, 2.0, size), np.geomspace(2e5, 1e9, size)
     pulled = replace(octopus, {"muscles.0.tension": 1.0})
-    maps = [
-        (octopus, {"arm.length": length, "muscles.0.tension": tension}, "slenderness L / R_base", "tension / N"),
-        (pulled, {"arm.youngs_modulus": modulus, "water.velocity": speed}, "Young's modulus / Pa", "current / (m/s)"),
+    length, tension = np.geomspace(0.15, 1.5, size), np.linspace(0.0, 4.0, size)
+    modulus, speed = np.geomspace(2e5, 1e9, size), np.linspace(-2.0, 2.0, size)
+    figure, (left, right) = two_panels()
+    codes = [
+        draw_map(left, octopus, {"arm.length": length, "muscles.0.tension": tension}, 1 / octopus.arm.base_radius),
+        draw_map(right, pulled, {"arm.youngs_modulus": modulus, "water.velocity": speed}),
     ]
-    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
-    seen: dict[str, Any] = {}
-    for axes, (scene, over, across, up) in zip(figure.subplots(1, 2), maps, strict=True):
-        codes = np.asarray(sweep(scene, over, METHOD, batch=256).solution.outcome._value)
-        x, y = over.values()
-        x = x / scene.arm.base_radius if "slenderness" in across else x
-        x_all, y_all = np.meshgrid(x, y, indexing="ij")
-        for code in np.unique(codes):
-            colour, marker = LOOKS[NAMES[code]]
-            at, area = codes == code, (170 / size) ** 2
-            seen[NAMES[code]] = axes.scatter(x_all[at], y_all[at], c=colour, marker=marker, s=area, linewidths=0)
-        axes.set(xlabel=across, ylabel=up, xscale="log")
-    figure.axes[0].set_title("octopus arm of 1 MPa in a current of -0.3 m/s", fontsize=10)
-    figure.axes[1].set_title("octopus arm pulled by 1 N", fontsize=10)
-    labels = [name.replace("_", " ") for name in seen]
-    figure.legend(seen.values(), labels, loc="outside lower center", ncols=len(seen), frameon=False, markerscale=2)
-    figure.savefig(path, dpi=130)
+    left.set(xlabel="slenderness, length / base radius", ylabel="tension [N]")
+    left.set_title("octopus arm of 1 MPa in a current of $-0.3$ m/s", fontsize=10)
+    right.set(xlabel="Young's modulus [Pa]", ylabel="current [m/s]")
+    right.set_title("octopus arm pulled by 1 N", fontsize=10)
+    save_with_legend(figure, path, [NAMES[code] for code in np.unique(codes)])
 
 
-def drawn_map(path: Path, plains: list[dict], solution: Solution) -> None:
+def draw_map(axes: Axes, scene: Scene, over: dict[str, np.ndarray], scale: float = 1.0) -> np.ndarray:
+    """Draws, and gives back, the outcome at every combination; the first parameter, times `scale`, to the right."""
+    codes = np.asarray(sweep(scene, over, METHOD, batch=256).solution.outcome._value)
+    places = np.vectorize(lambda code: list(COLOURS).index(NAMES[code]))(codes)
+    x, y = over.values()
+    colours = ListedColormap(list(COLOURS.values()))
+    axes.pcolormesh(x * scale, y, places.T, cmap=colours, vmin=0, vmax=len(COLOURS) - 1, shading="nearest")
+    axes.set_xscale("log")
+    return codes
+
+
+def drawn_map(path: Path, plains: list[dict], names: np.ndarray) -> None:
     """Where in the ranges the drawn scenes have an equilibrium: pull over slenderness, current over modulus."""
+    arms = [plain["arm"] for plain in plains]
+    unit = [arm["youngs_modulus"] * np.pi * arm["tip_radius"] ** 3 / (4 * arm["length"]) for arm in arms]
+    pull = np.array([max(muscle["tension"] for muscle in plain["muscles"]) for plain in plains])
+    slender = np.array([arm["length"] / arm["tip_radius"] for arm in arms])
+    moduli = np.array([arm["youngs_modulus"] for arm in arms])
+    currents = np.array([plain.get("water", {}).get("velocity", np.nan) for plain in plains])
+    figure, (left, right) = two_panels()
+    seen = [name for name in COLOURS if name in names]
+    for name in seen:
+        at = names == name
+        left.scatter(slender[at], (pull / unit)[at], s=9, c=COLOURS[name], linewidths=0)
+        right.scatter(moduli[at], currents[at], s=9, c=COLOURS[name], linewidths=0)
+    left.set(xscale="log", xlabel="length / tip radius", ylabel=r"largest pull / ($E \pi R_{tip}^3 / 4 L$)")
+    right.set(xscale="log", xlabel="Young's modulus [Pa]", ylabel="current [m/s]")
+    save_with_legend(figure, path, seen)
+
+
+def two_panels() -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(10.0, 4.6), layout="constrained")
-    pull = [max(muscle["tension"] for muscle in p["muscles"]) for p in plains]
-    arms = [p["arm"] for p in plains]
-    unit = [a["youngs_modulus"] * np.pi * a["tip_radius"] ** 3 / (4 * a["length"]) for a in arms]
-    slender = [arm["length"] / arm["tip_radius"] for arm in arms]
-    moduli = [arm["youngs_modulus"] for arm in arms]
-    currents = [p.get("water", {}).get("velocity", np.nan) for p in plains]
-    panels = [
-        (slender, np.divide(pull, unit), "L / R_tip", "largest pull / (E pi R_tip^3 / 4 L)"),
-        (moduli, currents, "Young's modulus / Pa", "current / (m/s)"),
-    ]
-    names = np.array([NAMES[code] for code in solution.outcome._value])
-    for axes, (x, y, across, up) in zip(figure.subplots(1, 2), panels, strict=True):
-        for name in dict.fromkeys(names):
-            at = names == name
-            colour, _ = LOOKS[name]
-            axes.scatter(
-                np.asarray(x)[at], np.asarray(y)[at], s=9, c=colour, linewidths=0, label=name.replace("_", " ")
-            )
-        axes.set(xlabel=across, ylabel=up, xscale="log")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, markerscale=2)
-    figure.savefig(path, dpi=130)
+    return figure, figure.subplots(1, 2)
+
+
+def save_with_legend(figure: Figure, path: Path, outcomes: list[str]) -> None:
+    handles = [Patch(color=COLOURS[name], label=name.replace("_", " ")) for name in outcomes]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    figure.savefig(path, dpi=110)
 
 
 def replay(number: int) -> None:
@@ -303,6 +202,13 @@ def main(count: int, compared: int, graded: int, size: int, folder: Path | None)
     about = machine()
     plains = [hard.drawn(SEED, number) for number in range(count)]
     scenes = [hard.alike(plain) for plain in plains]
+    columns: dict[str, Any] = {"scene": range(count)}
+
+    def keep(**more: Any) -> None:
+        columns.update(more)
+        if folder is not None:
+            table(folder / "stability.csv", about, columns, zip(*columns.values(), strict=True))
+
     print(f"\n{count} scenes of {len(by_structure(scenes))} structures")
     solution, spent = solved(scenes, METHOD)
     names = np.array([NAMES[code] for code in solution.outcome._value])
@@ -311,23 +217,29 @@ def main(count: int, compared: int, graded: int, size: int, folder: Path | None)
     line("default", f"{1e3 * spent / count:9.2f} ms a rod")
     assert np.isnan(solution.tip.x[names != "converged"]).all()
     assert np.isfinite(solution.tip.x[names == "converged"]).all()
+    keep(outcome=names, **statistics(solution))
+    if folder is not None:
+        drawn_map(folder / "stability_drawn.png", plains, names)
 
     ends = [i for i in range(count) if names[i] != "converged"]
     single, _ = solved([scenes[i] for i in ends], METHOD.single)
     ratio = np.asarray(single.load_fraction) / np.asarray(solution.load_fraction)[ends]
     doubted = [i for i, r in zip(ends, ratio, strict=True) if not abs(r - 1) < 0.01]
-    line(
-        "no equilibrium: both formulations stop alike", f"{len(ends) - len(doubted)} of {len(ends)}", f"not: {doubted}"
-    )
+    confirmed = f"{len(ends) - len(doubted)} of {len(ends)}"
+    line("no equilibrium: both formulations stop alike", confirmed, f"not: {doubted}")
 
     print("\nBeside other methods, tips within 1e-6 of the length counting as the same")
     base, base_spent = from_base(scenes)
     against("single shooting from the base", plains, solution, base)
     line("", f"{1e3 * base_spent / count:9.2f} ms a rod")
+    keep(from_the_base=found_by(base, count))
     some = plains[:compared]
-    stepped, cold = ([collocated(plain, cold) for plain in some] for cold in (False, True))
+    stepped = [collocated(plain, cold=False) for plain in some]
     found, alike, differ = against("solve_bvp, load-stepped", some, solution, stepped)
+    keep(solve_bvp=found_by(stepped, count))
+    cold = [collocated(plain, cold=True) for plain in some]
     against("solve_bvp, cold", some, solution, cold)
+    keep(solve_bvp_cold=found_by(cold, count))
     for name, tips in (("load-stepped", stepped), ("cold", cold)):
         times = [tip.seconds for tip in tips if tip.found]
         line(f"solve_bvp, {name}: found ones", f"median {np.median(times):6.2f} s, mean {np.mean(times):.2f} s a rod")
@@ -341,27 +253,28 @@ def main(count: int, compared: int, graded: int, size: int, folder: Path | None)
     line("largest", ", ".join(f"scene {number}: {error:.1e}" for number, error in worst))
 
     print("\nWorst cases (--replay NUMBER)")
-    for what, value in (
-        ("iterations", solution.iterations),
-        ("condition", solution.condition),
-        ("steps", solution.steps),
-    ):
-        order = np.argsort(np.where(names == "converged", value, 0))[::-1][:5]
-        line(f"converged, most {what}", ", ".join(f"{i}: {float(value[i]):.3g}" for i in order))
+    for what in ("iterations", "condition", "steps"):
+        value = np.where(names == "converged", getattr(solution, what), 0)
+        most = np.argsort(value)[::-1][:5]
+        line(f"converged, most {what}", ", ".join(f"{i}: {float(value[i]):.3g}" for i in most))
 
     if folder is not None:
-        columns = ["scene", "outcome", "load_fraction", "tip_x_m", "tip_y_m", "iterations", "steps", "residual"]
-        columns += ["condition", "failed_at_m", "from_the_base", "solve_bvp", "solve_bvp_cold"]
-        stats = (solution.load_fraction, solution.tip.x, solution.tip.y, solution.iterations, solution.steps)
-        stats += (solution.residual, solution.condition, solution.failed_at)
-        others = [[str(tip.found) for tip in tips] + [""] * (count - len(tips)) for tips in (base, stepped, cold)]
-        numbers = [[f"{float(value):.8g}" for value in stat] for stat in stats]
-        table(folder / "stability.csv", about, columns, zip(range(count), names, *numbers, *others, strict=True))
-        drawn_map(folder / "stability_drawn.png", plains, solution)
         outcome_maps(folder / "stability_maps.png", size)
     held = alike >= 0.98 * found and not doubted
     print(f"\nThe claim {'held' if held else 'DID NOT HOLD'} in this run: {alike} of {found} agree,")
     print(f"{len(doubted)} of {len(ends)} without equilibrium are in doubt.")
+
+
+def statistics(solution: Solution) -> dict[str, list[str]]:
+    """The columns that the solutions fill."""
+    values = {"load_fraction": solution.load_fraction, "tip_x_m": solution.tip.x, "tip_y_m": solution.tip.y}
+    values |= {"iterations": solution.iterations, "steps": solution.steps, "residual": solution.residual}
+    values |= {"condition": solution.condition, "failed_at_m": solution.failed_at}
+    return {name: [f"{float(number):.8g}" for number in column] for name, column in values.items()}
+
+
+def found_by(tips: list[Tip], count: int) -> list[str]:
+    return [str(tip.found) for tip in tips] + [""] * (count - len(tips))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..report.writing import OutputError, figure_place, output_place
-from ..scene import SceneError, SceneFile, read, replace
+from ..scene import Scene, SceneError, SceneFile, bounds_to_si, read, replace, unit_of
 
 settings_option = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Change a parameter of the scene; may be repeated."
@@ -15,6 +15,24 @@ settings_option = click.option(
 plot_option = click.option(
     "--plot", metavar="FILE", help="Draw a figure; its name says the format (.png, .pdf, .svg ...)."
 )
+free_option = click.option(
+    "--free", multiple=True, required=True, metavar="PATH...",
+    help='Parameters that may change, each a PATH or "PATH=LOWER:UPPER UNIT" with bounds of its own.',
+)  # fmt: skip
+
+
+class WithFree(click.Command):
+    """A command whose --free takes all words up to the next option, as well as being repeated."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        words, inside = [], False
+        for word in args:
+            if word.startswith("-"):
+                inside = word == "--free"
+            elif inside and words[-1] != "--free":
+                words.append("--free")
+            words.append(word)
+        return super().parse_args(ctx, words)
 
 
 class Stopped(click.ClickException):
@@ -55,6 +73,17 @@ def read_changed(name: str, changes: dict[str, str]) -> SceneFile:
     file = read(name)
     with about(f"{file.name}: --set"):
         return file._replace(scene=replace(file.scene, changes))
+
+
+def free_bounds(scene: Scene, texts: tuple[str, ...]) -> dict[str, tuple[float, float] | None]:
+    """The paths of --free with their bounds in SI, or None for one without."""
+    found: dict[str, tuple[float, float] | None] = {}
+    for text in texts:
+        path, equals, bounds = (part.strip() for part in text.partition("="))
+        if path in found:
+            raise SceneError(f"--free {text!r}: {path} is given twice; allowed: once")
+        found[path] = bounds_to_si(bounds, unit_of(scene, path), f"--free {path}") if equals else None
+    return found
 
 
 def data_and_figure(out: str | None, plot: str | None, more: Collection[str] = ()) -> tuple[Path | None, Path | None]:

@@ -1,7 +1,7 @@
 """Roots that are differentiated through the equation they solve, not through the iteration that found them."""
 
 import functools as ft
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -35,12 +35,17 @@ def _implicit_function_theorem(residual: Callable, primals: tuple, tangents: tup
         return root, jnp.zeros_like(root)
 
     def of_moving(values: list) -> Array:
-        given = dict(zip(moving, values, strict=True))
-        return residual(root, jax.tree.unflatten(tree, [given.get(i, leaf) for i, leaf in enumerate(leaves)]))
+        return residual(root, jax.tree.unflatten(tree, in_places(leaves, moving, values)))
 
     _, change = jax.jvp(of_moving, ([leaves[i] for i in moving],), ([dleaves[i] for i in moving],))
     _, jacobian = value_and_jacobian(lambda x: residual(x, params), root)
     return root, -solve_linear(jacobian, change)[0]
+
+
+def in_places(values: list, places: Sequence[int], new: Iterable) -> list:
+    """`values` with the `new` ones in these places."""
+    given = dict(zip(places, new, strict=True))
+    return [given.get(i, value) for i, value in enumerate(values)]
 
 
 def newton(residual: Callable, start: Array, params: Any, max_step: float = jnp.inf) -> Array:
@@ -88,12 +93,17 @@ def solve_linear(matrix: Float[Array, "..."], rhs: Float[Array, "..."]) -> tuple
     return jnp.stack([rhs @ bc, rhs @ jnp.cross(c, a), rhs @ jnp.cross(a, b)]) / determinant, determinant
 
 
+def solve_columns(matrix: Float[Array, "n n"], rhs: Float[Array, "n columns"]) -> Float[Array, "n columns"]:
+    """`solve_linear` of every column."""
+    return jax.vmap(lambda column: solve_linear(matrix, column)[0], 1, 1)(rhs)
+
+
 def condition_number(matrix: Float[Array, "n n"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """max(1, |A|) max(1, |A^-1|) of a matrix between like quantities, for one or three of them, and |A^-1|.
 
     One unknown has a condition number of 1 whatever the matrix; held against the unit matrix it tells both an
     amplification and a singularity. The norms are Frobenius's.
     """
-    inverse = jax.vmap(lambda column: solve_linear(matrix, column)[0])(jnp.eye(len(matrix)))
+    inverse = solve_columns(matrix, jnp.eye(len(matrix)))
     norm, of_inverse = (jnp.sqrt(jnp.sum(m**2)) for m in (matrix, inverse))
     return jnp.maximum(norm, 1.0) * jnp.maximum(of_inverse, 1.0), of_inverse

@@ -40,7 +40,7 @@ def active_at(muscles: Sequence[Muscle], s: Scalar) -> Bool[Array, " muscles"]:
     return jnp.stack(reach) if reach else jnp.zeros(0, bool)
 
 
-def stretches(
+def active_stretches(
     muscles: Sequence[Muscle], arm: Arm, cuts: Float[Array, " cuts"] | None = None
 ) -> tuple[Float[Array, " stretches+1"], Bool[Array, "stretches muscles"]]:
     """The arc lengths, from the tip to the base, between which no muscle ends, and which muscles are active there.

@@ -5,13 +5,13 @@ from .parts import Arm, Gravity, Muscle, Scene, SectionStiffness, Tip, Water
 from .paths import lookup, parameters, replace, unit_of
 from .quantity import Choice, Quantity, SceneError
 from .tcam import TCAM, ZERO_CELSIUS, LinearConductance
-from .units import range_to_si, to_si
+from .units import bounds_to_si, range_to_si, to_si
 from .validate import validate_tcam
 from .voltage import AbstractVoltage, Pulses, Sampled, Sinusoid, Step, VoltageFunction
 
 __all__ = [
     "TCAM", "ZERO_CELSIUS", "AbstractVoltage", "Arm", "Choice", "Gravity", "LinearConductance", "Muscle", "Pulses",
     "Quantity", "Sampled", "Scene", "SceneError", "SceneFile", "SectionStiffness", "Sinusoid", "Step", "Tip",
-    "VoltageFunction", "Water", "dumps", "load", "lookup", "parameters", "presets", "range_to_si", "read", "replace",
-    "sweep_values", "to_si", "unit_of", "validate_tcam",
+    "VoltageFunction", "Water", "bounds_to_si", "dumps", "load", "lookup", "parameters", "presets", "range_to_si",
+    "read", "replace", "sweep_values", "to_si", "unit_of", "validate_tcam",
 ]  # fmt: skip

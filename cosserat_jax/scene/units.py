@@ -62,6 +62,15 @@ def range_to_si(text: str, unit: str, where: str) -> np.ndarray:
     return values * scale + offset
 
 
+def bounds_to_si(text: str, unit: str, where: str) -> tuple[float, float]:
+    """The two values of "LOWER:UPPER UNIT" in SI `unit`."""
+    matched = re.fullmatch(rf"\s*({_NUMBER})\s*:\s*({_NUMBER})\s*([^\s:,].*)?", text, re.DOTALL)
+    if matched is None:
+        raise SceneError(f'{where}: {text!r} are no bounds; allowed: "LOWER:UPPER {unit}"')
+    lower, upper = range_to_si(f"{matched[1]}, {matched[2]} {matched[3] or ''}", unit, where)
+    return float(lower), float(upper)
+
+
 def _stepped(start: float, stop: float, step: float, text: str, where: str) -> np.ndarray:
     if step == 0 or (stop - start) / step < 0:
         raise SceneError(f"{where}: {text!r} never reaches its end; allowed: a step that leads from START to STOP")

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
-from ..physics.implicit import solve_linear
+from ..physics.implicit import in_places, solve_columns
 
 Scalars = list[Float[Array, ""]]
 
@@ -60,13 +60,10 @@ def total_rates(function: Callable, root: Float[Array, " unknowns"], params: Sca
     """Of one or three unknowns, in one pass: (E, O) and their derivatives, the moving parameters on the last axis."""
 
     def of(both: Array) -> tuple[tuple, tuple]:
-        moved = dict(zip(moving, both[root.size :], strict=True))
-        result = function(both[: root.size], [moved.get(i, param) for i, param in enumerate(params)])
+        result = function(both[: root.size], in_places(params, moving, both[root.size :]))
         return result, result
 
     at = jnp.concatenate([root, jnp.stack([params[i] for i in moving])])
     rates, result = jax.jacfwd(of, has_aux=True)(at)
-    root_rates = -jax.vmap(lambda column: solve_linear(rates[0][:, : root.size], column)[0], 1, 1)(
-        rates[0][:, root.size :]
-    )
+    root_rates = -solve_columns(rates[0][:, : root.size], rates[0][:, root.size :])
     return result, jax.tree.map(lambda rate: rate[..., root.size :] + rate[..., : root.size] @ root_rates, rates)

@@ -16,6 +16,8 @@ from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from ..physics.implicit import in_places
+
 
 def by_forward_mode(function: Callable[[Any], Any], params: Any) -> Any:
     """`function(params)`, a pytree of floats of a pytree of floats, with derivatives of any order and nesting.
@@ -51,8 +53,7 @@ def _with_jacobian(function: Callable, moving: tuple[int, ...]) -> Callable:
         at, restored = ravel_pytree([leaves[i] for i in moving])
 
         def of(vector: Array) -> tuple:
-            moved = dict(zip(moving, restored(vector), strict=True))
-            value = function([moved.get(i, leaf) for i, leaf in enumerate(leaves)])
+            value = function(in_places(leaves, moving, restored(vector)))
             return value, value
 
         jacobian, value = jax.jacfwd(of, has_aux=True)(at)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..physics.muscles import stretches as stretches_of
+from ..physics.muscles import active_stretches
 from ..physics.rod import Rod, RodState, derivative, tip_state
 from ..physics.section import stiffness_at
 from .method import Shooting
@@ -59,7 +59,7 @@ def shoot(
     Each stretch between muscle ends is integrated on its own, so that no step straddles the end of a muscle; all
     stretches share one compiled integration. `points` are arc lengths in ascending order at which the state is kept.
     """
-    ends, active = stretches_of(rod.muscles, rod.arm)
+    ends, active = active_stretches(rod.muscles, rod.arm)
 
     def onward(state: RodState, span: tuple[Array, Array, Array]) -> tuple[RodState, Stretch]:
         start, end, active = span

@@ -20,8 +20,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..physics.implicit import solve_linear
-from ..physics.muscles import stretches as stretches_of
+from ..physics.implicit import in_places, solve_columns
+from ..physics.muscles import active_stretches
 from ..physics.rod import Rod, RodState, derivative
 from ..physics.section import stiffness_at
 from ..scene import Scene
@@ -131,8 +131,7 @@ def total_rates(
     """`function(nodes, params)` and its total derivative by the moving parameters, `nodes` following; see `at_root`."""
 
     def with_moving(values: Float[Array, " moving"]) -> Scalars:
-        moved = dict(zip(moving, values, strict=True))
-        return [moved.get(i, param) for i, param in enumerate(params)]
+        return in_places(params, moving, values)
 
     at = jnp.stack([params[i] for i in moving])
     change, _ = linearised(lambda values: rod_of(with_moving(values)), at, nodes, method).solve()
@@ -228,13 +227,13 @@ def _march(
 
     def back(w: Array, taken: tuple) -> tuple[Array, Array]:
         triangle, along = taken
-        w = _solve(triangle, w - along)
+        w = solve_columns(triangle, w - along)
         return w, w
 
     first, _ = split(tip, start)
     last, (bases, taken) = lax.scan(onward, first, (growth, jumps))
     jacobian = last[0][:unknowns]
-    at_base = _solve(jacobian, clamp - last[1][:unknowns])
+    at_base = solve_columns(jacobian, clamp - last[1][:unknowns])
     _, w = lax.scan(back, at_base, taken, reverse=True)
     basis, rest = jax.tree.map(lambda before, end: jnp.concatenate([before, end[None]]), bases, last)
     return basis @ jnp.concatenate([w, at_base[None]]) + rest, jacobian
@@ -252,10 +251,6 @@ def _orthonormal(matrix: Float[Array, "size unknowns"]) -> tuple[Array, Array]:
         columns.append(column / length)
         triangle = triangle.at[j, j].set(length)
     return jnp.stack(columns, axis=1), triangle
-
-
-def _solve(matrix: Array, rhs: Array) -> Array:
-    return jax.vmap(lambda column: solve_linear(matrix, column)[0], 1, 1)(rhs)
 
 
 def _integrate_all(
@@ -307,7 +302,7 @@ def _cut_anew(rod: Rod, nodes: Nodes) -> Nodes:
 
 def _mesh(rod: Rod, cuts: Float[Array, " cuts"]) -> tuple[Float[Array, " nodes"], Bool[Array, "intervals muscles"]]:
     """Arc lengths [m] of all nodes, from the tip to the base, and the muscles that are active between them."""
-    return stretches_of(rod.muscles, rod.arm, cuts * rod.arm.length)
+    return active_stretches(rod.muscles, rod.arm, cuts * rod.arm.length)
 
 
 def _error(rod: Rod, states: Array, ends: Array) -> Float[Array, ""]:

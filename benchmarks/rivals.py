@@ -1,0 +1,121 @@
+"""What one would write without the package: shooting from the base, and `solve_bvp` within a limit of time."""
+
+import signal
+import time
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from collocation import reference
+
+from cosserat_jax import Scene
+from cosserat_jax.physics.muscles import active_stretches
+from cosserat_jax.physics.rod import Rod, RodState, derivative
+from cosserat_jax.physics.section import stiffness_at
+
+BATCH = 64
+
+
+class Tip(NamedTuple):
+    """What a method makes of a scene: a tip [m] if it found one, and how."""
+
+    found: bool
+    x: float
+    y: float
+    how: str
+    seconds: float
+
+
+def stacked(scenes: list[Scene]) -> Scene:
+    """Scenes of one structure as one, with an axis in front of every number."""
+    return jax.tree.map(lambda *leaves: jnp.asarray(leaves, float), *scenes)
+
+
+def by_structure(scenes: list[Scene]) -> list[list[int]]:
+    """The numbers of the scenes, those that one program serves together."""
+    groups: dict[Any, list[int]] = {}
+    for number, scene in enumerate(scenes):
+        groups.setdefault(jax.tree.structure(scene), []).append(number)
+    return list(groups.values())
+
+
+@eqx.filter_jit
+def shoot_from_base(scenes: Scene) -> tuple[jax.Array, ...]:
+    """(found, x, y) of each rod by Newton on force and moment at the base, cold at full load, 20 times at most."""
+
+    def one(scene: Scene) -> tuple[jax.Array, ...]:
+        rod = Rod.of(scene)
+        length, bending = scene.arm.length, stiffness_at(scene.arm, 0.0, 1.0).bending
+        units = jnp.stack([bending / length**2, bending / length**2, bending / length])
+        ends, active = (part[::-1] for part in active_stretches(rod.muscles, rod.arm))
+
+        def at_tip(clamp: jax.Array) -> tuple[RodState, jax.Array]:
+            def segment(state: RodState, span: tuple) -> tuple[RodState, jax.Array]:
+                begin, end, active = span
+
+                def slope(tau: Any, state: Any, _: Any) -> RodState:
+                    d_ds = derivative(rod, begin + (end - begin) * tau, state, active)[0]
+                    return jax.tree.map(lambda d: d * (end - begin), d_ds)
+
+                run = diffrax.diffeqsolve(
+                    diffrax.ODETerm(slope), diffrax.Dopri8(), 0.0, 1.0, 0.1, state, max_steps=200, throw=False,
+                    stepsize_controller=diffrax.PIDController(1e-9, 1e-9, dtmin=1e-6, force_dtmin=False),
+                    adjoint=diffrax.ForwardMode(),
+                )  # fmt: skip
+                return jax.tree.map(lambda y: y[-1], run.ys), run.result == diffrax.RESULTS.successful
+
+            zero, angle = jnp.zeros(()), scene.arm.base_angle
+            start = RodState(zero, zero, angle + zero, jnp.cos(angle), jnp.sin(angle), *(clamp * units))
+            state, finished = jax.lax.scan(segment, start, (ends[:-1], ends[1:], active))
+            return state, finished.all()
+
+        def unbalanced(clamp: jax.Array, _: Any) -> jax.Array:
+            state, _ = at_tip(clamp)
+            return jnp.stack([state.force_x, state.force_y, state.moment]) / units
+
+        newton = optx.Newton(rtol=1e-9, atol=1e-9)
+        root = optx.root_find(unbalanced, newton, jnp.zeros(3), options={"jac": "fwd"}, max_steps=20, throw=False)
+        state, finished = at_tip(root.value)
+        small = jnp.max(jnp.abs(unbalanced(root.value, None))) < 1e-6
+        return finished & small, state.x, state.y
+
+    return jax.vmap(one)(scenes)
+
+
+def from_base(scenes: list[Scene]) -> tuple[list[Tip], float]:
+    """The tips that plain shooting from the base finds, and the seconds, compiling apart."""
+    tips: dict[int, Tip] = {}
+    spent = 0.0
+    for numbers in by_structure(scenes):
+        shoot_from_base(stacked([scenes[numbers[0]]] * BATCH))
+        for start in range(0, len(numbers), BATCH):
+            some = numbers[start : start + BATCH]
+            begin = time.perf_counter()
+            found, x, y = map(np.asarray, shoot_from_base(stacked([scenes[i] for i in np.resize(some, BATCH)])))
+            seconds = time.perf_counter() - begin
+            spent += seconds * len(some) / BATCH
+            tips |= {i: Tip(bool(found[j]), x[j], y[j], "", seconds / BATCH) for j, i in enumerate(some)}
+    return [tips[i] for i in range(len(scenes))], spent
+
+
+def collocated(plain: dict[str, Any], cold: bool, limit: int = 15) -> Tip:
+    """What `solve_bvp` makes of a scene within `limit` seconds."""
+
+    def give_up(*_: Any) -> None:
+        raise TimeoutError
+
+    signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(limit)
+    begin = time.perf_counter()
+    try:
+        found = reference.solve(plain, tol=1e-8, cold=cold)
+        outcome = (found.converged, found.x, found.y, found.message)
+    except TimeoutError:
+        outcome = (False, np.nan, np.nan, f"given up after {limit} s")
+    finally:
+        signal.alarm(0)
+    return Tip(*outcome, time.perf_counter() - begin)
