@@ -40,14 +40,14 @@ from .solver import (  # noqa: E402
     solve,
     tcam_response,
 )
-from .study import Actuation, Sweep, actuate, sweep  # noqa: E402
+from .study import Actuation, Calibration, Measurements, Sweep, actuate, fit, read_measurements, sweep  # noqa: E402
 
 __version__ = importlib.metadata.version("cosserat_jax")
 
 __all__ = [
-    "TCAM", "Actuation", "Arm", "Gravity", "LinearConductance", "Muscle", "Outcome", "Pulses", "Response",
-    "ResponseOutcome", "Sampled", "Scene", "SceneError", "SectionStiffness", "Shooting", "Sinusoid", "Solution",
-    "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping", "Tip", "VoltageFunction", "Water", "actuate", "dumps",
-    "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets", "replace", "solve", "sweep",
-    "tcam_response",
+    "TCAM", "Actuation", "Arm", "Calibration", "Gravity", "LinearConductance", "Measurements", "Muscle", "Outcome",
+    "Pulses", "Response", "ResponseOutcome", "Sampled", "Scene", "SceneError", "SectionStiffness", "Shooting",
+    "Sinusoid", "Solution", "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping", "Tip", "VoltageFunction",
+    "Water", "actuate", "dumps", "fit", "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets",
+    "read_measurements", "replace", "solve", "sweep", "tcam_response",
 ]  # fmt: skip

@@ -1,5 +1,6 @@
-"""A scene of the package from the plain dictionaries of the reference formulation."""
+"""Between scenes of the package and the plain dictionaries of the reference formulation."""
 
+import dataclasses
 from typing import Any
 
 from cosserat_jax import Arm, Gravity, Muscle, Scene, SectionStiffness, Tip, Water
@@ -17,3 +18,14 @@ def scene_of(plain: dict[str, Any]) -> Scene:
         gravity=Gravity(**plain["gravity"]) if "gravity" in plain else None,
         tip=Tip(**plain["tip"]) if "tip" in plain else None,
     )
+
+
+def plain(scene: Scene) -> dict[str, Any]:
+    """`scene` as the dictionaries that the reference takes, where what is absent has no entry instead of None."""
+    return _without_none(dataclasses.asdict(scene))
+
+
+def _without_none(part: Any) -> Any:
+    if isinstance(part, dict):
+        return {name: _without_none(entry) for name, entry in part.items() if entry is not None}
+    return [_without_none(entry) for entry in part] if isinstance(part, tuple) else part

@@ -1,5 +1,6 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -14,7 +15,7 @@ from ..physics.muscles import active_at
 from ..physics.rod import Rod, derivative, fold_margin
 from ..physics.section import stiffness_at
 from ..scene import Scene, SceneError
-from ..scene.quantity import Scalar, as_floats, is_traced
+from ..scene.quantity import Scalar, as_floats, concrete, is_traced
 from . import equilibrium, multiple
 from .equilibrium import at_root
 from .integrate import Shot, shoot
@@ -33,13 +34,16 @@ class SolveError(RuntimeError):
     """A rod has no solution; the message says why and what to do."""
 
 
-def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -> Solution:
+def solve(
+    scene: Scene, method: Shooting | None = None, *, at: Sequence[float] | None = None, throw: bool = True
+) -> Solution:
     """The static equilibrium of `scene` that raising all its loads in proportion from zero leads to.
 
     Works under `jax.jit`, `vmap`, `grad`, `jacfwd` and any nesting of them; derivatives with respect to every float of
     the scene are those of the implicit function theorem. `method` is a `Shooting`, by default `Shooting()`: single
     shooting, and where that loses the equilibrium multiple shooting, but under `jit` and `vmap` only what the method
-    says.
+    says. The fields are held at the arc lengths `at` [m] where they are given, ascending numbers, else at
+    `method.points` equally spaced ones.
 
     Raises `SolveError` with the outcome's sentence if the rod has no solution, unless `throw` is False. While JAX is
     tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution.
@@ -50,11 +54,13 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     check_steady(scene)
     scene, method = as_floats(scene), Shooting() if method is None else method
+    _check_points(scene, at)
+    points = None if at is None else tuple(map(float, at))
     if is_traced(scene):
-        return _solve(scene, method)
-    solution = _solve(scene, method.single)
+        return _solve(scene, method, points)
+    solution = _solve(scene, method.single, points)
     if needs_multiple_shooting(solution, method):
-        solution = _solve(scene, method.multiple)
+        solution = _solve(scene, method.multiple, points)
     if throw and lax.stop_gradient(solution.outcome._value) != Outcome.converged._value:
         raise SolveError(solution.message)
     return solution
@@ -67,6 +73,12 @@ def check_steady(scene: Scene) -> None:
             raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
 
 
+def _check_points(scene: Scene, at: Sequence[float] | None) -> None:
+    length = concrete(lax.stop_gradient(scene.arm.length))
+    if at is not None and length is not None and not all(0 <= s <= length for s in at):
+        raise SceneError(f"at: {list(at)} is not allowed; allowed: arc lengths from 0 to {length:g} [m]")
+
+
 def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array, "..."]:
     """Which rods single shooting did not solve, where `method` leaves it to us what to do about them."""
     lost = ~solution.converged & (solution.outcome != Outcome.bad_input)
@@ -74,7 +86,7 @@ def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array,
 
 
 @eqx.filter_jit
-def _solve(scene: Scene, method: Shooting) -> Solution:
+def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solution:
     params, tree = jax.tree.flatten(scene)
 
     def rod_of(params: list) -> Rod:
@@ -82,7 +94,7 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
 
     def at_pose(pose: Any, params: list) -> tuple[Array, tuple]:
         rod = rod_of(params)
-        points = jnp.linspace(0.0, rod.arm.length, method.points)
+        points = _points(rod, method, at)
         if method.is_multiple:
             shot, error = shoot_between(rod, pose, method, points)
         else:
@@ -109,6 +121,8 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
     failed_at = lax.stop_gradient(jnp.where(stopped, failed_at, jnp.nan))
     fields = jax.tree.map(lambda field: jnp.where(outcome == Outcome.converged, field, jnp.nan), fields)
     tip = jax.tree.map(lambda field: field[-1], fields)
+    if at is not None:
+        fields = jax.tree.map(lambda field: field[:-1], fields)
     return Solution(
         tip=Pose(tip.x, tip.y, tip.theta),
         tip_strain=SectionStrains(tip.nu, tip.eta, tip.mu, tip.beta),
@@ -121,6 +135,13 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
         load_fraction=found.load_fraction,
         failed_at=failed_at,
     )
+
+
+def _points(rod: Rod, method: Shooting, at: tuple[float, ...] | None) -> Float[Array, " points"]:
+    """The arc lengths of the fields; the last is the tip's."""
+    if at is None:
+        return jnp.linspace(0.0, rod.arm.length, method.points)
+    return jnp.append(jnp.array(at), rod.arm.length)
 
 
 def _fields(rod: Rod, shot: Shot, points: Float[Array, " points"]) -> tuple[Fields, Scalar]:

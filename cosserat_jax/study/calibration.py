@@ -1,0 +1,249 @@
+"""What comes back from a fit: values, and how well the data know them."""
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.special import ndtri, stdtrit
+
+from ..scene import Scene, replace
+from .measurements import Measurements
+from .minimise import Minimum, loss_at, minimise
+from .problem import Problem
+from .uncertainty import Uncertainty, not_told_apart, uncertainty
+
+_SETTLED = 1e-3  # of a standard error: what one more step would still move
+_EXACT = 1e-7  # misfit, in units of sigma or of the data's spread, that counts as none
+_AT_BOUND = 1e-3  # of the way from one bound to the other
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """A fitted scene, from `fit`. Parameters go by path, and all numbers are in SI.
+
+    - `values`, `stderr`: of each free parameter; the error is infinite where the data know nothing of it, and NaN for
+      one that stands at a bound.
+    - `fitted`: the scene with these values in it, which runs, and which `dumps` writes as a file.
+    - `converged`, `message`, `warnings`: whether this is a minimum; rows without equilibrium, parameters that stand at
+      a bound, or that the data cannot tell apart.
+    - `searches`: where each start ended; `minimum` is that of the smallest loss.
+    - `measured`, `predicted`, `residuals`: one for each table of data.
+    """
+
+    scene: Scene
+    measured: tuple[Measurements, ...]
+    problem: Problem
+    searches: Minimum
+    solver: Any
+    max_steps: int
+
+    @cached_property
+    def minimum(self) -> Minimum:
+        """Where the best search ended."""
+        best = int(jnp.argmin(self.searches.loss))
+        return jax.tree.map(lambda leaf: leaf[best], self.searches)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Of the free parameters: the order of rows and columns of `correlation`."""
+        return tuple(one.path for one in self.problem.unbounded.free)
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Of the free parameters."""
+        return {path: float(value) for path, value in self.problem.unbounded.values(self.minimum.u).items()}
+
+    @cached_property
+    def fitted(self) -> Scene:
+        """The scene with the values found."""
+        return replace(self.scene, self.values)
+
+    @cached_property
+    def at_bound(self) -> dict[str, float]:
+        """Parameters that the data push against a bound: that bound, by path."""
+        found = {}
+        for one, value in zip(self.problem.unbounded.free, self.values.values(), strict=True):
+            near = _AT_BOUND * (one.upper - one.lower)
+            if not np.isfinite(near):
+                near = 1e-6 * abs(one.start - (one.lower if np.isfinite(one.lower) else one.upper))
+            for bound in (one.lower, one.upper):
+                if abs(value - bound) < near:
+                    found[one.path] = bound
+        return found
+
+    @property
+    def sigma_known(self) -> bool:
+        """Whether the standard errors of the measurements were given; else they are taken from the residuals."""
+        return self.measured[0].sigma is not None
+
+    @property
+    def taken(self) -> int:
+        """How many values were measured."""
+        return int(np.sum(~np.isnan(self.problem.observed)))
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: measurements less parameters that are not at a bound."""
+        return self.taken - len(self._inside)
+
+    @property
+    def noise(self) -> float:
+        """Standard error of a misfit: 1 where sigma is known, else estimated from all of them."""
+        return 1.0 if self.sigma_known else float(np.sqrt(self.chi_squared / max(self.dof, 1)))
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Of the parameters that are not at a bound."""
+        jacobian = self.minimum.jacobian / self.problem.unbounded.slopes(self.minimum.u)[None]
+        return uncertainty(jacobian[:, self._inside], self.minimum.misfits, self.taken, self.sigma_known)
+
+    @cached_property
+    def stderr(self) -> dict[str, float]:
+        """Standard errors from the Jacobian, Laplace's approximation; see `Uncertainty`."""
+        known = dict(zip(self._inside, np.asarray(self.uncertainty.stderr), strict=True))
+        return {path: float(known.get(i, np.nan)) for i, path in enumerate(self.paths)}
+
+    @cached_property
+    def correlation(self) -> np.ndarray:
+        """Of the parameters' errors, in the order of `paths`; NaN for one at a bound."""
+        full = np.full((len(self.paths),) * 2, np.nan)
+        full[np.ix_(self._inside, self._inside)] = self.uncertainty.correlation
+        return full
+
+    def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Confidence intervals, value -+ t stderr, with Student's t where sigma is estimated from the residuals."""
+        tail = (1 + level) / 2
+        t = float(ndtri(tail) if self.sigma_known else stdtrit(max(self.dof, 1), tail))
+        return {
+            path: (value - t * self.stderr[path], value + t * self.stderr[path]) for path, value in self.values.items()
+        }
+
+    @cached_property
+    def predicted(self) -> list[np.ndarray]:
+        """What the fitted scene says, rows by observables; NaN in a row without equilibrium."""
+        ends = np.cumsum([table.values.size for table in self.measured])[:-1]
+        parts = np.split(np.asarray(self.minimum.predicted), ends)
+        return [part.reshape(table.values.shape) for part, table in zip(parts, self.measured, strict=True)]
+
+    @cached_property
+    def residuals(self) -> list[np.ndarray]:
+        """Predicted less measured, rows by observables; NaN where nothing was measured."""
+        return [said - table.values for said, table in zip(self.predicted, self.measured, strict=True)]
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Of the observables, by name."""
+        return {one.name: one.unit for table in self.measured for one in table.observables}
+
+    @cached_property
+    def rms(self) -> dict[str, float]:
+        """Root of the mean square of the residuals of each observable, over all tables."""
+        columns: dict[str, list[np.ndarray]] = {}
+        for table, residual in zip(self.measured, self.residuals, strict=True):
+            for observable, column in zip(table.observables, residual.T, strict=True):
+                columns.setdefault(observable.name, []).append(column)
+        return {name: float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2))) for name, parts in columns.items()}
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of squares of residual / sigma; where sigma is not known, of residual / spread of the data."""
+        return float(jnp.sum(self.minimum.misfits**2))
+
+    @property
+    def history(self) -> np.ndarray:
+        """The loss after each step of the best search."""
+        return np.asarray(self.minimum.history)[: int(self.minimum.steps)]
+
+    @cached_property
+    def lost_rows(self) -> list[tuple[str, int]]:
+        """Rows that were measured and have no equilibrium at the values found: table and number, from 1."""
+        return [
+            (table.name, int(row) + 1)
+            for table, said in zip(self.measured, self.predicted, strict=True)
+            for row in np.flatnonzero((np.isnan(said) & ~np.isnan(table.values)).any(axis=1))
+        ]
+
+    @cached_property
+    def converged(self) -> bool:
+        """Whether one more step would move no parameter by a thousandth of its standard error, and no row is lost."""
+        jacobian = np.asarray(self.minimum.jacobian)[:, self._inside]
+        lengths = np.linalg.norm(jacobian, axis=0)
+        jacobian = jacobian / np.where(lengths > 0, lengths, 1.0)
+        step, *_ = np.linalg.lstsq(jacobian, np.asarray(self.minimum.misfits))
+        settled = np.linalg.norm(jacobian @ step) < max(_SETTLED * self.noise, _EXACT * np.sqrt(self.taken))
+        return bool(settled) and not self.lost_rows
+
+    @property
+    def message(self) -> str:
+        """What came of it, in a sentence."""
+        steps = int(self.minimum.steps)
+        if self.lost_rows:
+            table, row = self.lost_rows[0]
+            return (
+                f"{len(self.lost_rows)} rows have no equilibrium at the best values found, first row {row} of {table}; "
+                "start from other values, or narrow the bounds"
+            )
+        if not self.converged:
+            return f"no minimum after {steps} steps; raise max_steps, or start from other values"
+        return f"converged in {steps} steps"
+
+    @cached_property
+    def indistinguishable(self) -> list[tuple[str, ...]]:
+        """Sets of parameters that the data cannot tell apart, worst first; see `Uncertainty`."""
+        inside = [self.paths[i] for i in self._inside]
+        return [tuple(inside[i] for i in members) for members in not_told_apart(self.uncertainty)]
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting the values, a sentence each."""
+        lines = [
+            f"{path} stands at its bound, {bound:g}, and has no standard error" for path, bound in self.at_bound.items()
+        ]
+        lines += [
+            f"the data cannot tell apart {' and '.join(paths)}; fix one of them, or measure something else as well"
+            for paths in self.indistinguishable
+        ]
+        lines += [f"the data know nothing of {path}" for path, error in self.stderr.items() if np.isinf(error)]
+        if self.dof < 1 and not self.sigma_known:
+            count = f"{self.taken} measurements for {len(self._inside)} parameters"
+            lines.append(f"{count} leave no residual to take a standard error from; give sigma")
+        return tuple(lines)
+
+    def bootstrap(self, repeats: int = 200, seed: int = 0) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Values and standard errors of `repeats` fits, in one batch, to data drawn anew: what the fitted scene says,
+        and Gaussian noise. Arrays of shape (repeats,), by path.
+
+        The spread of the values holds what the standard errors of a Jacobian leave out (parametric bootstrap, Efron).
+        """
+        noise = np.random.default_rng(seed).normal(size=(repeats, self.problem.observed.size)) * self.noise
+        values = np.asarray(self.minimum.predicted) + noise * np.asarray(self.problem.sigma)
+        values = np.where(np.isnan(self.problem.observed), np.nan, values)
+        found = minimise(
+            self.problem, jnp.asarray(values), jnp.tile(self.minimum.u, (repeats, 1)), self.solver, self.max_steps
+        )
+        unbounded = self.problem.unbounded
+        jacobians = found.jacobian / jax.vmap(unbounded.slopes)(found.u)[:, None]
+        errors = jax.vmap(lambda j, r: uncertainty(j, r, self.taken, self.sigma_known).stderr)(jacobians, found.misfits)
+        drawn = jax.vmap(unbounded.array)(found.u)
+        by_path = [dict(zip(self.paths, np.asarray(part).T, strict=True)) for part in (drawn, errors)]
+        return by_path[0], by_path[1]
+
+    def log_density(self, u: Float[Array, " params"]) -> Float[Array, ""]:
+        """Logarithm of the posterior density of the unbounded parameters u, up to a constant, for a sampler,
+
+            -loss / noise^2 + sum log |d value / d u|
+
+        with a prior that is flat in the values, between their bounds. Start it at `minimum.u`; a sample's values are
+        `problem.unbounded.array(u)`.
+        """
+        loss = loss_at(self.problem, u, self.problem.observed)
+        return -loss / self.noise**2 + jnp.sum(jnp.log(jnp.abs(self.problem.unbounded.slopes(u))))
+
+    @property
+    def _inside(self) -> list[int]:
+        """The numbers of the parameters that are not at a bound."""
+        return [i for i, path in enumerate(self.paths) if path not in self.at_bound]

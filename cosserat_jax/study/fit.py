@@ -1,0 +1,102 @@
+"""`fit`: the parameters of a scene for which it says what was measured."""
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from ..scene import Scene, SceneError
+from ..solver import Shooting
+from .calibration import Calibration
+from .free import Free, Unbounded, free_parameters
+from .measurements import Measurements, read_measurements
+from .minimise import minimise
+from .problem import LOSSES, Loss, problem_of
+
+if TYPE_CHECKING:
+    import optax
+
+_TOLERANCE = 1e-9
+_MOST_STEPS = 100  # of Levenberg-Marquardt
+_MOST_UPDATES = 2000  # of an optax optimiser
+
+
+def fit(
+    scene: Scene,
+    data: Any,
+    free: Iterable[str] | Mapping[str, Any],
+    *,
+    sigma: Mapping[str, Any] | float | str | None = None,
+    loss: Loss = "linear",
+    starts: int = 1,
+    seed: int = 0,
+    optimiser: "optax.GradientTransformation | None" = None,
+    max_steps: int | None = None,
+    method: Shooting | None = None,
+) -> Calibration:
+    """The values of the `free` parameters for which `scene` says what `data` measured, by least squares,
+
+        minimise 1/2 sum rho(r^2)        r = (value of the model - value measured) / sigma
+
+    - `data`: a CSV file, a mapping {head: values}, a DataFrame or a Dataset, with heads such as "water.velocity [m/s]"
+      and "tip.y [cm]" (see `read_measurements`); or a list of several, each an experiment of its own.
+    - `free`: paths, or {path: (lower, upper)}. They start from the scene's values. Positive parameters are searched in
+      their logarithm, those between two bounds as a sine, so no bound is ever crossed.
+    - `sigma`: standard errors of the measurements, {name: value} or one for all, where no column gives them. Without
+      any, all count alike, and their error is taken from the residuals.
+    - `loss`: rho, "linear" (least squares), or robust against outliers beyond one sigma: "soft_l1", "huber", "cauchy",
+      as in `scipy.optimize.least_squares`. Or, with an `optimiser`, any function of all r.
+    - `starts`: so many searches in one batch, the first from the scene's values, the others from values drawn by
+      chance with this `seed`; the best is given back, and the others beside it.
+    - `optimiser`: an optax optimiser in place of Levenberg-Marquardt (Levenberg 1944, Marquardt 1963; optimistix).
+    - `method`: as in `solve`. None tries single shooting, and multiple shooting where rods stay without equilibrium.
+
+    A row whose rod has no equilibrium on the way counts as a misfit of ten lengths of the arm, so the search turns
+    back; it never meets NaN. Raises `SceneError` for data, paths, bounds or options that are not allowed. For the
+    rest see `Calibration.converged`, `message` and `warnings`.
+    """
+    tables = data if isinstance(data, list | tuple) else [data]
+    measured = tuple(read_measurements(scene, table, sigma) for table in tables)
+    chosen = free_parameters(scene, free)
+    _check_options(measured, chosen, loss, starts, optimiser)
+    unbounded = Unbounded(chosen)
+    begin = np.concatenate([unbounded.start()[None], unbounded.drawn(starts - 1, seed)])
+    steps = max_steps or (_MOST_STEPS if optimiser is None else _MOST_UPDATES)
+    solver = _solver(optimiser)
+
+    def by(shooting: Shooting) -> Calibration:
+        problem = problem_of(scene, measured, unbounded, shooting, loss)
+        values = jnp.tile(problem.observed, (starts, 1))
+        found = minimise(problem, values, jnp.asarray(begin), solver, steps)
+        return Calibration(scene, measured, problem, found, solver, steps)
+
+    shooting = Shooting() if method is None else method
+    found = by(shooting.single)
+    return by(shooting.multiple) if found.lost_rows and shooting.intervals is None else found
+
+
+def _solver(optimiser: Any) -> Any:
+    if optimiser is None:
+        return optx.IndirectLevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
+    return optx.OptaxMinimiser(optimiser, rtol=_TOLERANCE, atol=_TOLERANCE)
+
+
+def _check_options(
+    measured: tuple[Measurements, ...], free: tuple[Free, ...], loss: Any, starts: int, optimiser: Any
+) -> None:
+    for table in measured:
+        for one in free:
+            if one.path in table.inputs:
+                raise SceneError(f"{one.path}: is a column of {table.name}; allowed: free, or given by the data")
+    if len({table.sigma is None for table in measured}) > 1:
+        raise SceneError("sigma: missing in some of the tables; allowed: in all of them, or in none")
+    if isinstance(loss, str) and loss not in LOSSES:
+        raise SceneError(f"loss: {loss!r} is not allowed; allowed: {', '.join(LOSSES)}, or a function of the misfits")
+    if not isinstance(loss, str) and optimiser is None:
+        raise SceneError("loss: a function asks for an optimiser; allowed: optimiser=optax.adam(1e-2), or a name")
+    if loss != "linear" and isinstance(loss, str) and measured[0].sigma is None:
+        raise SceneError(f"loss: {loss!r} weighs misfits by their sigma, which is missing; allowed: give sigma")
+    if starts < 1:
+        raise SceneError(f"starts: {starts} is not allowed; allowed: at least 1")

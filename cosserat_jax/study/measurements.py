@@ -1,0 +1,280 @@
+"""Measurements: tables whose columns are a scene's inputs and what was measured, with units, read from many forms.
+
+A column's head is a path and a unit, "water.velocity [m/s]". What is measured is named
+
+- `tip.x`, `tip.y`, `tip.theta`: pose of the tip [m, m, rad]
+- `x@S`, `y@S`, `theta@S`: pose of a marker at the arc length S, as in "y@200 mm [cm]"
+- `muscles.0.tcam.temperature` [K], `.tension`, `.force` [N], `.contraction` [m]: of a TCAM, over `time` [s]
+
+and a measurement's own standard error is a column `sigma(tip.y) [cm]`. Any other head is the path of a parameter that
+was set for that row; with `time`, `muscles.0.tcam.voltage` [V] is the voltage at that instant. A cell of a measurement
+may be empty: it was not taken.
+"""
+
+import csv
+import dataclasses
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..scene import Quantity, Scene, SceneError, lookup, replace, to_si
+from ..scene.paths import nearest
+
+_POSE_UNITS = {"x": "m", "y": "m", "theta": "rad"}
+_TCAM_UNITS = {"temperature": "K", "tension": "N", "force": "N", "contraction": "m"}
+
+
+class Observable(NamedTuple):
+    """What is measured: its name and unit, and `marker` [m], or the number of the `muscle`, or neither, at the tip."""
+
+    name: str
+    unit: str
+    field: str
+    marker: float | None = None
+    muscle: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurements:
+    """A table in SI. `values` and `sigma` (None: not known) have an axis over the rows, then one over `observables`;
+    a value that was not taken is NaN. `inputs` and `voltages`, by path, and `times` [s], have one over the rows."""
+
+    observables: tuple[Observable, ...]
+    values: np.ndarray
+    sigma: np.ndarray | None
+    inputs: dict[str, np.ndarray]
+    times: np.ndarray | None = None
+    voltages: dict[int, np.ndarray] = dataclasses.field(default_factory=dict)
+    name: str = "data"
+
+    @property
+    def markers(self) -> tuple[float, ...]:
+        """The arc lengths [m] of the markers, ascending."""
+        return tuple(sorted({o.marker for o in self.observables if o.marker is not None}))
+
+
+def read_measurements(scene: Scene, data: Any, sigma: Mapping[str, Any] | float | str | None = None) -> Measurements:
+    """`data` as `Measurements` of `scene`.
+
+    - `data`: the path of a CSV file, {head: values}, a pandas DataFrame, or an xarray Dataset whose variables and
+      coordinates are named by paths and have `units`; or `Measurements`, which are given back.
+    - `sigma`: standard errors that have no column: {name: value}, or one for all, in SI or with a unit.
+
+    Raises `SceneError` for a table that cannot be read, or that does not fit the scene: where, what, what is allowed.
+    """
+    if isinstance(data, Measurements):
+        return data
+    name, columns = _columns(data)
+    try:
+        return _measurements(scene, name, columns, sigma)
+    except SceneError as error:
+        raise SceneError(f"{name}: {error}") from None
+
+
+def _columns(data: Any) -> tuple[str, dict[str, Any]]:
+    """The name of a table, and its columns by their heads."""
+    if isinstance(data, str | os.PathLike):
+        return os.fspath(data), _read_csv(Path(data))
+    if hasattr(data, "data_vars"):  # an xarray Dataset, which is a mapping too
+        units = {name: data[name].attrs.get("units") for name in data.variables}
+        numbered = [dim for dim in data.dims if dim not in data.coords]  # by nothing but their order
+        table = data.to_dataframe().reset_index().drop(columns=numbered)
+        heads = [f"{name} [{units[name]}]" if units.get(name) else str(name) for name in table.columns]
+        return "data", {head: table[name].to_numpy() for head, name in zip(heads, table.columns, strict=True)}
+    if hasattr(data, "to_dict") and hasattr(data, "columns"):  # a pandas DataFrame
+        return "data", {str(name): data[name].to_numpy() for name in data.columns}
+    if isinstance(data, Mapping):
+        return "data", dict(data)
+    raise SceneError(
+        f"data: {type(data).__name__} is not allowed; allowed: a CSV file, a mapping of columns, a DataFrame, a Dataset"
+    )
+
+
+def _read_csv(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file; allowed: a CSV file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise SceneError(f"{path}: cannot be read: {reason}") from None
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if len(lines) < 2:
+        raise SceneError(f"{path}: {'empty' if not lines else 'no rows'}; allowed: a line of heads and rows of numbers")
+    heads, *rows = list(csv.reader((line for _, line in lines), skipinitialspace=True))
+    heads = [head.strip() for head in heads]
+    if len(set(heads)) < len(heads):
+        raise SceneError(f"{path}: two columns have the same head; allowed: heads {', '.join(heads)} that differ")
+    table = []
+    for (number, _), row in zip(lines[1:], rows, strict=True):
+        if len(row) != len(heads):
+            raise SceneError(f"{path}: line {number} has {len(row)} cells; allowed: {len(heads)}, one for each head")
+        table.append([_cell(cell, f"{path}: line {number}, {head}") for head, cell in zip(heads, row, strict=True)])
+    return dict(zip(heads, np.array(table, dtype=float).T, strict=True))
+
+
+def _cell(text: str, where: str) -> float:
+    try:
+        return float(text) if text.strip() else np.nan
+    except ValueError:
+        raise SceneError(f"{where}: {text.strip()!r} is not a number") from None
+
+
+def _measurements(scene: Scene, name: str, columns: dict[str, Any], sigma: Any) -> Measurements:
+    arrays = {head: _array(head, values) for head, values in columns.items()}
+    if len({len(values) for values in arrays.values()}) > 1:
+        lengths = ", ".join(f"{head}: {len(values)}" for head, values in arrays.items())
+        raise SceneError(f"columns of different lengths ({lengths}); allowed: one value a row")
+    observables, taken, errors = [], [], {}
+    inputs: dict[str, np.ndarray] = {}
+    voltages: dict[int, np.ndarray] = {}
+    times = None
+    for head, values in arrays.items():
+        path, unit = _split(head)
+        inner = re.fullmatch(r"sigma\((.*)\)", path)
+        observable = _observable(scene, inner[1].strip() if inner else path)
+        if observable is not None:
+            si = _to_si(values, unit, observable.unit, head, only_scale=inner is not None)
+            if inner:
+                errors[observable.name] = si
+            else:
+                observables.append(observable)
+                taken.append(si)
+        elif path == "time":
+            times = _to_si(values, unit, "s", head)
+        elif matched := re.fullmatch(r"muscles\.(\d+)\.tcam\.voltage", path):
+            voltages[int(matched[1])] = _to_si(values, unit, "V", head)
+        else:
+            inputs[path] = _to_si(values, unit, _unit_of_input(scene, path), head)
+    if not observables:
+        raise SceneError("nothing is measured; allowed: a column such as tip.y [cm]")
+    _check_inputs(scene, inputs, times, voltages, observables)
+    return Measurements(
+        observables=tuple(observables),
+        values=np.stack(taken, axis=1),
+        sigma=_sigma(tuple(observables), errors, sigma, len(taken[0])),
+        inputs=inputs,
+        times=times,
+        voltages=voltages,
+        name=name,
+    )
+
+
+def _array(head: str, values: Any) -> np.ndarray:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise SceneError(f"{head}: not a column of numbers") from None
+    if array.ndim != 1 or array.size == 0:
+        raise SceneError(f"{head}: of shape {array.shape}; allowed: one axis, not empty")
+    return array
+
+
+def _split(head: str) -> tuple[str, str]:
+    """Path and unit of "path [unit]"."""
+    matched = re.fullmatch(r"\s*(.+?)\s*(?:\[(.*)\])?\s*", head)
+    if matched is None:
+        raise SceneError(f"{head!r}: not a head; allowed: a path and a unit, such as tip.y [cm]")
+    return matched[1], (matched[2] or "").strip()
+
+
+def _to_si(values: np.ndarray, unit: str, si: str, head: str, only_scale: bool = False) -> np.ndarray:
+    if not unit:
+        return values
+    offset = to_si(f"0 {unit}", si, head)
+    scale = to_si(f"1 {unit}", si, head) - offset
+    return values * scale + (0.0 if only_scale else offset)
+
+
+def _observable(scene: Scene, path: str) -> Observable | None:
+    """What a head without its unit says was measured; None for the path of a parameter."""
+    if path.startswith("tip.") and path[4:] in _POSE_UNITS:
+        return Observable(path, _POSE_UNITS[path[4:]], path[4:])
+    if "@" in path:
+        field, _, place = (part.strip() for part in path.partition("@"))
+        if field not in _POSE_UNITS:
+            raise SceneError(f"{path}: {field!r} is not measured at a marker; {nearest(field, list(_POSE_UNITS))}")
+        marker, length = to_si(place, "m", path), float(scene.arm.length)
+        if not 0 <= marker <= length:
+            raise SceneError(f"{path}: {marker:g} is not on the arm; allowed: 0 to {length:g} [m]")
+        return Observable(path, _POSE_UNITS[field], field, marker=marker)
+    matched = re.fullmatch(r"muscles\.(\d+)\.tcam\.(\w+)", path)
+    if matched and matched[2] in _TCAM_UNITS:
+        muscle = int(matched[1])
+        if muscle >= len(scene.muscles) or scene.muscles[muscle].tcam is None:
+            raise SceneError(f"{path}: this scene has no muscles.{muscle}.tcam")
+        return Observable(path, _TCAM_UNITS[matched[2]], matched[2], muscle=muscle)
+    return None
+
+
+def _unit_of_input(scene: Scene, path: str) -> str:
+    known = ["tip.x", "tip.y", "tip.theta", "time"]
+    try:
+        _, rule = lookup(scene, path)
+    except SceneError as error:
+        raise SceneError(f"{error}; nor is it measured: {', '.join(known)}, y@200 mm, a TCAM's") from None
+    if not isinstance(rule, Quantity) or rule.components > 1:
+        raise SceneError(f"{path}: cannot be a column; allowed: a parameter that is one number")
+    return rule.unit
+
+
+def _check_inputs(
+    scene: Scene, inputs: dict, times: np.ndarray | None, voltages: dict, observables: list[Observable]
+) -> None:
+    driven = [i for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None]
+    if times is None:
+        if driven or voltages or any(o.muscle is not None for o in observables):
+            raise SceneError("time: missing; a muscle that a TCAM drives is measured over time [s]")
+    else:
+        if not driven:
+            raise SceneError("time: this scene does not change with time; allowed: a scene with a TCAM")
+        if not np.isfinite(times).all() or (np.diff(times, prepend=0.0) < 0).any():
+            raise SceneError("time: not in order; allowed: finite numbers [s], from 0 on, ascending")
+        if slow := [path for path in inputs if ".tcam." in path]:
+            raise SceneError(f"{slow[0]}: cannot change with time; allowed: the scene's own, or muscles.0.tcam.voltage")
+    for i, values in voltages.items():
+        if i not in driven:
+            raise SceneError(f"muscles.{i}.tcam.voltage: this scene has no muscles.{i}.tcam")
+        if not np.isfinite(values).all() or times is None or len(times) < 2 or (np.diff(times) <= 0).any():
+            raise SceneError(
+                f"muscles.{i}.tcam.voltage: allowed: finite numbers [V] at two or more instants that differ"
+            )
+    replace(scene, inputs)  # every row is checked before the first is solved
+
+
+def _sigma(observables: tuple[Observable, ...], columns: dict, given: Any, rows: int) -> np.ndarray | None:
+    """Standard errors, rows by observables, in SI; None where there are none."""
+    by_name = dict(given) if isinstance(given, Mapping) else {o.name: given for o in observables if given is not None}
+    names = [o.name for o in observables]
+    for name in (*by_name, *columns):
+        if name not in names:
+            raise SceneError(f"sigma({name}): not measured here; {nearest(name, names)}")
+    missing = [name for name in names if name not in by_name and name not in columns]
+    if len(missing) == len(names):
+        units = {o.unit: o.name for o in observables}
+        if len(units) > 1:
+            raise SceneError(f"sigma: missing; {' and '.join(units.values())} have different units, so give theirs")
+        return None
+    if missing:
+        raise SceneError(f"sigma({missing[0]}): missing; allowed: one for every measurement, or none at all")
+    errors = []
+    for o in observables:
+        error = columns[o.name] if o.name in columns else _error(by_name[o.name], o)
+        errors.append(np.broadcast_to(np.asarray(error, float), rows))
+        if not (np.isfinite(errors[-1]) & (errors[-1] > 0)).all():
+            raise SceneError(f"sigma({o.name}): allowed: more than 0 [{o.unit}]")
+    return np.stack(errors, axis=1)
+
+
+def _error(value: Any, o: Observable) -> Any:
+    """A standard error in SI; of a temperature a difference, so that 1 degC is 1 K."""
+    if not isinstance(value, str):
+        return value
+    where = f"sigma({o.name})"
+    if o.unit == "K":
+        value = value.replace("degC", "delta_degC") if "delta" not in value else value
+    return to_si(value, o.unit, where)
