@@ -1,5 +1,6 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
+import dataclasses
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..physics.implicit import condition_number
+from ..physics.lengths import length_controlled
 from ..physics.muscles import active_at
 from ..physics.rod import Rod, derivative, fold_margin
 from ..physics.section import stiffness_at
@@ -21,7 +23,7 @@ from .integrate import Shot, shoot
 from .method import Shooting
 from .multiple import find_nodes, shoot_between
 from .outcome import Outcome
-from .shooting import base_error, find_tip_pose
+from .shooting import base_error, find_tip_pose, pulled
 from .solution import Fields, Pose, SectionStrains, Solution
 
 _ACCEPTED_RESIDUAL = 1e-7
@@ -49,7 +51,7 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     check_steady(scene)
-    scene, method = as_floats(scene), Shooting() if method is None else method
+    scene, method = as_floats(scene), method_for(scene, method)
     if is_traced(scene):
         return _solve(scene, method)
     solution = _solve(scene, method.single)
@@ -65,6 +67,20 @@ def check_steady(scene: Scene) -> None:
     for i, muscle in enumerate(scene.muscles):
         if muscle.tcam is not None:
             raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
+
+
+def method_for(scene: Scene, method: Shooting | None) -> Shooting:
+    """`method`, by default `Shooting()`, with single shooting where the contraction of a muscle is given.
+
+    Raises `SceneError` if it asks for multiple shooting of such a scene.
+    """
+    method = Shooting() if method is None else method
+    controlled = length_controlled(scene.muscles)
+    if not controlled:
+        return method
+    if method.is_multiple:
+        raise SceneError(f"muscles.{controlled[0]}.contraction: multiple shooting takes tensions; allowed: intervals=1")
+    return dataclasses.replace(method, intervals=1)
 
 
 def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array, "..."]:
@@ -86,17 +102,19 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
         if method.is_multiple:
             shot, error = shoot_between(rod, pose, method, points)
         else:
-            shot = shoot(rod, pose, method, points)
+            rod, tip_pose = pulled(rod, pose)
+            shot = shoot(rod, tip_pose, method, points)
             error = base_error(rod, shot)
         fields, margin = _fields(rod, shot, points)
+        tensions = jnp.stack([rod.tension(i) for i in range(len(rod.muscles))]) if rod.muscles else jnp.zeros(0)
         steps, finished = shot.progress.steps.astype(float), shot.progress.finished.astype(float)
-        return error, (fields, margin, error, steps, finished)
+        return error, (fields, tensions, margin, error, steps, finished)
 
     if method.is_multiple:
         found, total = find_nodes(scene, method), partial(multiple.total_rates, rod_of, method)
     else:
         found, total = find_tip_pose(scene, method), equilibrium.total_rates
-    fields, margin, error, steps, finished = at_root(at_pose, total, found.pose, params)
+    fields, tensions, margin, error, steps, finished = at_root(at_pose, total, found.pose, params)
     residual = jnp.max(jnp.abs(error))
     condition, inverse = condition_number(found.jacobian)
     outcome = Outcome.where(residual < _ACCEPTED_RESIDUAL, Outcome.converged, Outcome.ill_conditioned)
@@ -107,7 +125,9 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
     failed_at = jnp.where(found.outcome == Outcome.converged, fields.s[jnp.argmin(margin)], found.stopped_at)
     stopped = (outcome == Outcome.volume_constraint_folded) | (outcome == Outcome.integration_failed)
     failed_at = lax.stop_gradient(jnp.where(stopped, failed_at, jnp.nan))
-    fields = jax.tree.map(lambda field: jnp.where(outcome == Outcome.converged, field, jnp.nan), fields)
+    fields, tensions = jax.tree.map(
+        lambda value: jnp.where(outcome == Outcome.converged, value, jnp.nan), (fields, tensions)
+    )
     tip = jax.tree.map(lambda field: field[-1], fields)
     return Solution(
         tip=Pose(tip.x, tip.y, tip.theta),
@@ -120,6 +140,7 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
         steps=steps.astype(int),
         load_fraction=found.load_fraction,
         failed_at=failed_at,
+        tensions=tensions,
     )
 
 
