@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..physics.implicit import condition_number, solve_columns, solve_linear, value_and_jacobian
+from ..physics.implicit import solve_columns, solve_linear, value_and_jacobian
 from ..physics.lengths import length_error, units_of
 from ..physics.muscles import active_stretches
 from ..physics.rod import Rod, derivative, tip_state
@@ -30,7 +30,7 @@ from .method import Shooting
 from .outcome import Outcome
 
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
-_REDUNDANT = 1e8  # norm of the inverse of the muscles' compliance from which their lengths do not tell tensions apart
+_REDUNDANT = 1e-8  # singular value of the muscles' compliance below which lengths do not tell tensions apart
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)  # of a quadrature along a stretch of the unloaded arm
 
 
@@ -141,6 +141,14 @@ def length_errors(rod: Rod, shot: Shot) -> list[tuple[Scalar, Bool[Array, ""]]]:
     ]
 
 
+def tensions_of(rod: Rod, shot: Shot) -> Float[Array, " muscles"]:
+    """The tension [N] of every muscle, zero without round-off for a slack one."""
+    tensions = [rod.tension(i) for i in range(len(rod.muscles))]
+    for i, (_, is_taut) in zip(rod.length_controlled, length_errors(rod, shot), strict=True):
+        tensions[i] = jnp.where(is_taut, tensions[i], 0.0)
+    return jnp.stack(tensions) if tensions else jnp.zeros(0)
+
+
 def over_that_at_rest(jacobian: Float[Array, "n n"], compliance: Array, rod: Rod, shot: Shot) -> Float[Array, "n n"]:
     """The Jacobian with the rows of the lengths over their compliance at rest, so that at rest its determinant is 1.
 
@@ -181,4 +189,4 @@ def compliance_at_rest(rod: Rod) -> Float[Array, "found found"]:
 
 def is_redundant(compliance: Float[Array, "found found"]) -> Bool[Array, ""]:
     """Whether two sets of tensions shorten the muscles alike, as those of two muscles on one path do."""
-    return ~(condition_number(compliance)[1] < _REDUNDANT)
+    return ~(jnp.linalg.svd(compliance, compute_uv=False)[-1] > _REDUNDANT)

@@ -23,7 +23,7 @@ from .integrate import Shot, shoot
 from .method import Shooting
 from .multiple import find_nodes, shoot_between
 from .outcome import Outcome
-from .shooting import base_error, find_tip_pose, pulled
+from .shooting import base_error, find_tip_pose, pulled, tensions_of
 from .solution import Fields, Pose, SectionStrains, Solution
 
 _ACCEPTED_RESIDUAL = 1e-7
@@ -106,9 +106,8 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
             shot = shoot(rod, tip_pose, method, points)
             error = base_error(rod, shot)
         fields, margin = _fields(rod, shot, points)
-        tensions = jnp.stack([rod.tension(i) for i in range(len(rod.muscles))]) if rod.muscles else jnp.zeros(0)
         steps, finished = shot.progress.steps.astype(float), shot.progress.finished.astype(float)
-        return error, (fields, tensions, margin, error, steps, finished)
+        return error, (fields, tensions_of(rod, shot), margin, error, steps, finished)
 
     if method.is_multiple:
         found, total = find_nodes(scene, method), partial(multiple.total_rates, rod_of, method)

@@ -71,9 +71,9 @@ def actuate(
 
 
 def with_tensions(scene: Scene, tensions: dict[int, Any]) -> Scene:
-    """`scene` with these tensions [N] in place of the TCAMs that make them, by the number of the muscle."""
+    """`scene` with these tensions [N], by the number of the muscle, in place of what makes them."""
     muscles = [
-        dataclasses.replace(muscle, tension=tensions[i], tcam=None) if i in tensions else muscle
+        dataclasses.replace(muscle, tension=tensions[i], tcam=None, contraction=None) if i in tensions else muscle
         for i, muscle in enumerate(scene.muscles)
     ]
     return dataclasses.replace(scene, muscles=tuple(muscles))
