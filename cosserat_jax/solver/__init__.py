@@ -4,10 +4,9 @@ from .method import Shooting, TimeStepping
 from .outcome import Outcome, ResponseOutcome, outcome_codes
 from .response import Peak, Response, tcam_response
 from .solution import Fields, Pose, SectionStrains, Solution
-from .solve import SolveError, check_steady, method_for, needs_multiple_shooting, solve
+from .solve import SolveError, check_steady, needs_multiple_shooting, solve
 
 __all__ = [
     "Fields", "Outcome", "Peak", "Pose", "Response", "ResponseOutcome", "SectionStrains", "Shooting", "Solution",
-    "SolveError", "TimeStepping", "check_steady", "method_for", "needs_multiple_shooting", "outcome_codes", "solve",
-    "tcam_response",
+    "SolveError", "TimeStepping", "check_steady", "needs_multiple_shooting", "outcome_codes", "solve", "tcam_response",
 ]  # fmt: skip

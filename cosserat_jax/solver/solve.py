@@ -1,6 +1,5 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
-import dataclasses
 from functools import partial
 from typing import Any
 
@@ -11,7 +10,6 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..physics.implicit import condition_number
-from ..physics.lengths import length_controlled
 from ..physics.muscles import active_at
 from ..physics.rod import Rod, derivative, fold_margin
 from ..physics.section import stiffness_at
@@ -23,8 +21,9 @@ from .integrate import Shot, shoot
 from .method import Shooting
 from .multiple import find_nodes, shoot_between
 from .outcome import Outcome
-from .shooting import base_error, find_tip_pose, pulled, tensions_of
+from .shooting import base_error, find_tip_pose, split
 from .solution import Fields, Pose, SectionStrains, Solution
+from .tensions import pulled, tensions_of
 
 _ACCEPTED_RESIDUAL = 1e-7
 _SINGULAR = 1e5  # norm of the inverse of the clamp's Jacobian from which the arm counts as standing at a limit point
@@ -51,7 +50,7 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     check_steady(scene)
-    scene, method = as_floats(scene), method_for(scene, method)
+    scene, method = as_floats(scene), Shooting() if method is None else method
     if is_traced(scene):
         return _solve(scene, method)
     solution = _solve(scene, method.single)
@@ -67,20 +66,6 @@ def check_steady(scene: Scene) -> None:
     for i, muscle in enumerate(scene.muscles):
         if muscle.tcam is not None:
             raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
-
-
-def method_for(scene: Scene, method: Shooting | None) -> Shooting:
-    """`method`, by default `Shooting()`, with single shooting where the contraction of a muscle is given.
-
-    Raises `SceneError` if it asks for multiple shooting of such a scene.
-    """
-    method = Shooting() if method is None else method
-    controlled = length_controlled(scene.muscles)
-    if not controlled:
-        return method
-    if method.is_multiple:
-        raise SceneError(f"muscles.{controlled[0]}.contraction: multiple shooting takes tensions; allowed: intervals=1")
-    return dataclasses.replace(method, intervals=1)
 
 
 def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array, "..."]:
@@ -100,14 +85,15 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
         rod = rod_of(params)
         points = jnp.linspace(0.0, rod.arm.length, method.points)
         if method.is_multiple:
+            rod = pulled(rod, pose.tensions)
             shot, error = shoot_between(rod, pose, method, points)
         else:
-            rod, tip_pose = pulled(rod, pose)
+            rod, tip_pose = split(rod, pose)
             shot = shoot(rod, tip_pose, method, points)
             error = base_error(rod, shot)
         fields, margin = _fields(rod, shot, points)
         steps, finished = shot.progress.steps.astype(float), shot.progress.finished.astype(float)
-        return error, (fields, tensions_of(rod, shot), margin, error, steps, finished)
+        return error, (fields, tensions_of(rod, shot.base.shortenings), margin, error, steps, finished)
 
     if method.is_multiple:
         found, total = find_nodes(scene, method), partial(multiple.total_rates, rod_of, method)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ..scene import TCAM, Scene, SceneError
 from ..scene.quantity import as_floats
-from ..solver import Response, Shooting, Solution, TimeStepping, method_for, solve, tcam_response
+from ..solver import Response, Shooting, Solution, TimeStepping, solve, tcam_response
 from .batch import solve_rods
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def actuate(
     responses = {i: tcam_response(tcam, times, stepping) for i, tcam in driven.items()}
     tensions = {i: response.tension for i, response in responses.items()}
     scene = as_floats(scene)
-    method = method_for(scene, method)
+    method = Shooting() if method is None else method
     solution = solve_rods(lambda rods, method: _equilibria(scene, rods, method), tensions, method)
     return Actuation(scene, jnp.asarray(times, float), responses, solution)
 

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 
 from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
 from ..scene.quantity import as_floats
-from ..solver import Shooting, Solution, method_for, solve
+from ..solver import Shooting, Solution, solve
 from .batch import solve_rods
 from .checkpoint import Checkpoint
 
@@ -67,9 +67,10 @@ def sweep(
         raise SceneError("sweep: nothing to sweep over; allowed: {path: values}")
     if batch < 1:
         raise SceneError(f"batch: {batch} is not allowed; allowed: at least 1")
+    method = Shooting() if method is None else method
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     rods = {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)}
-    method = method_for(replace(scene, rods), method)  # every rod of the grid is checked before the first is solved
+    replace(scene, rods)  # every rod of the grid is checked before the first is solved
 
     shape = mesh[0].shape
     count = math.prod(shape)
