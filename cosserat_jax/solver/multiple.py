@@ -33,7 +33,15 @@ from .equilibrium import Scalars
 from .integrate import Progress, Shot, Stretch, gather, integrate, state_at_tip
 from .method import Shooting
 from .outcome import Outcome
-from .tensions import compliance_at_rest, length_errors, over_compliance, pulled, taut_at, without_redundant
+from .tensions import (
+    LinearLengths,
+    compliance_at_rest,
+    length_errors,
+    linear_lengths,
+    over_compliance,
+    pulled,
+    without_redundant,
+)
 
 
 class Nodes(NamedTuple):
@@ -99,9 +107,7 @@ class MultipleShooting(Formulation):
         )
 
     def predict(self, pose: Nodes, rate: Nodes, load: Array, ahead: Array) -> Nodes:
-        nodes = jax.tree.map(
-            lambda at, rate: at + (ahead - load) * rate, pose, rate._replace(cuts=jnp.zeros_like(rate.cuts))
-        )
+        nodes = jax.tree.map(lambda at, rate: at + (ahead - load) * rate, pose, rate)  # cuts have no rate
         return _cut_anew(pulled(Rod.of(self.scene, ahead), nodes.tensions), nodes)
 
     def size(self, change: Nodes) -> Array:
@@ -166,28 +172,6 @@ def total_rates(
     return jax.vmap(along, out_axes=(None, -1))(change, tensions, jnp.eye(len(moving)))
 
 
-class LinearLengths(NamedTuple):
-    """The equations of the given contractions: error, derivatives by every state and by parameters; which are taut.
-
-    The last of the parameters are the unknown tensions.
-    """
-
-    error: Float[Array, " found"]
-    growth: Float[Array, "intervals found size"]
-    rates: Float[Array, "found params"]
-    taut: Bool[Array, " found"]
-
-    def close(self, change: Float[Array, "nodes size columns"]) -> tuple[Array, Array, Float[Array, "found found"]]:
-        """From the change of states, Newton's step and one a parameter, those with the tensions following; the changes
-        of the tensions, and the Jacobian of lengths by tensions."""
-        count = self.error.size
-        of_states = jnp.einsum("iks,isc->kc", self.growth, change[:-1])
-        columns = of_states + jnp.concatenate([self.error[:, None], self.rates], axis=1)
-        jacobian = columns[:, -count:]
-        tensions = -solve_columns(jacobian, columns[:, :-count])
-        return change[..., :-count] + change[..., -count:] @ tensions, tensions, jacobian
-
-
 class Linearised(NamedTuple):
     """The system of multiple shooting at `states`, and its derivatives by the states and by some parameters.
 
@@ -227,18 +211,18 @@ class Linearised(NamedTuple):
 
 
 def linearised(
-    rod_of: Callable[[Array], Rod], params: Float[Array, " params"], nodes: Nodes, method: Shooting
+    given: Callable[[Array], Rod], params: Float[Array, " params"], nodes: Nodes, method: Shooting
 ) -> Linearised:
-    """The system at `nodes` of the rod `rod_of(params)`; see `Linearised`. Unknown tensions join the parameters.
+    """The system at `nodes` of the rod `given(params)`; see `Linearised`. Unknown tensions join the parameters.
 
     phi_i depends on u_i alone, so the same change of every state at once shows all blocks of the Jacobian.
     """
+    count = params.size
     if nodes.tensions is not None:
-        given, count = rod_of, params.size
         params = jnp.concatenate([params, nodes.tensions])
 
-        def rod_of(params: Array) -> Rod:
-            return pulled(given(params[:count]), params[count:])
+    def rod_of(params: Array) -> Rod:
+        return given(params) if nodes.tensions is None else pulled(given(params[:count]), params[count:])
 
     size, rod = nodes.states.shape[1], rod_of(params)
     unknowns = rod.unknowns
@@ -266,34 +250,12 @@ def linearised(
     clamp_rates = jax.jacfwd(lambda params: _clamp(rod_of(params)))(params)
     clamp_error = states[-1, :unknowns] - _clamp(rod)
     shortenings = jax.tree.map(jnp.sum, shorter)
-    lengths = None if shorter is None else _lengths(rod_of, params, shortenings, jnp.stack(shorter_rates, axis=1), size)
+    rows = None if shorter is None else jnp.stack(shorter_rates, axis=1)
+    lengths = None if rows is None else linear_lengths(rod_of, params, shortenings, rows)
     return Linearised(
         states, ends, rates[..., :size], rates[..., size:], tip, tip_rates, clamp_error, clamp_rates, lengths,
         _error(rod, states, ends, length_errors(rod, shortenings)), progress.over_all(),
     )  # fmt: skip
-
-
-def _lengths(
-    rod_of: Callable[[Array], Rod],
-    params: Array,
-    shortenings: Any,
-    rates: Float[Array, "intervals found both"],
-    size: int,
-) -> LinearLengths:
-    """The equations of the lengths, from how much shorter every interval's part of the muscles is, by state and by
-    parameters."""
-
-    def errors(shortenings: Any, params: Array) -> Array:
-        return jnp.stack([error for error, _ in length_errors(rod_of(params), shortenings)])
-
-    by_shortening, by_params = jax.jacfwd(errors, argnums=(0, 1))(shortenings, params)
-    rates = jnp.einsum("kj,ijp->ikp", jnp.stack(by_shortening, axis=1), rates)
-    return LinearLengths(
-        error=errors(shortenings, params),
-        growth=rates[..., :size],
-        rates=by_params + rates[..., size:].sum(axis=0),
-        taut=taut_at(rod_of(params), shortenings),
-    )
 
 
 def _march(

@@ -7,7 +7,8 @@ without such muscles, and falls to zero at a limit point.
 """
 
 import dataclasses
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -96,6 +97,50 @@ def without_redundant(found: Found, compliance: Array | None, scaled: Float[Arra
     apart = jnp.linalg.svd(_among(pulling, compliance), compute_uv=False)[-1] > _REDUNDANT
     outcome = Outcome.where(apart | (found.outcome == Outcome.bad_input), found.outcome, Outcome.muscles_redundant)
     return found._replace(outcome=outcome)
+
+
+class LinearLengths(NamedTuple):
+    """The equations of the given contractions: error, derivatives by every state and by parameters; which are taut.
+
+    The last of the parameters are the unknown tensions.
+    """
+
+    error: Float[Array, " found"]
+    growth: Float[Array, "intervals found size"]
+    rates: Float[Array, "found params"]
+    taut: Bool[Array, " found"]
+
+    def close(self, change: Float[Array, "nodes size columns"]) -> tuple[Array, Array, Float[Array, "found found"]]:
+        """From the change of states, Newton's step and one a parameter, those with the tensions following; the changes
+        of the tensions, and the Jacobian of lengths by tensions."""
+        count = self.error.size
+        of_states = jnp.einsum("iks,isc->kc", self.growth, change[:-1])
+        columns = of_states + jnp.concatenate([self.error[:, None], self.rates], axis=1)
+        jacobian = columns[:, -count:]
+        tensions = -solve_columns(jacobian, columns[:, :-count])
+        return change[..., :-count] + change[..., -count:] @ tensions, tensions, jacobian
+
+
+def linear_lengths(
+    rod_of: Callable[[Array], Rod],
+    params: Float[Array, " params"],
+    shortenings: Shortenings,
+    rates: Float[Array, "intervals found size+params"],
+) -> LinearLengths:
+    """The equations of the lengths, from how much shorter every interval's part of the muscles is, by state and by
+    parameters."""
+
+    def errors(shortenings: Any, params: Array) -> Array:
+        return jnp.stack([error for error, _ in length_errors(rod_of(params), shortenings)])
+
+    by_shortening, by_params = jax.jacfwd(errors, argnums=(0, 1))(shortenings, params)
+    rates = jnp.einsum("kj,ijp->ikp", jnp.stack(by_shortening, axis=1), rates)
+    return LinearLengths(
+        error=errors(shortenings, params),
+        growth=rates[..., : -params.size],
+        rates=by_params + rates[..., -params.size :].sum(axis=0),
+        taut=taut_at(rod_of(params), shortenings),
+    )
 
 
 def _among(taut: Bool[Array, " found"], compliance: Float[Array, "found found"]) -> Float[Array, "found found"]:
