@@ -12,7 +12,22 @@ import reference
 from command import Run
 from conversion import scene_of
 
-from cosserat_jax import Muscle, Outcome, Scene, SceneError, Shooting, dumps, load, parameters, replace, solve, sweep
+from cosserat_jax import (
+    Arm,
+    Muscle,
+    Outcome,
+    Scene,
+    SceneError,
+    SectionStiffness,
+    Shooting,
+    Tip,
+    dumps,
+    load,
+    parameters,
+    replace,
+    solve,
+    sweep,
+)  # fmt: skip
 
 METHOD = Shooting(points=3, steps=40)  # equal steps: differences then see no change of the adaptive ones
 OCTOPUS = load("octopus")
@@ -71,6 +86,37 @@ def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
     in_dataset = swept.to_xarray().tension
     assert in_dataset.dims == ("muscles.0.contraction", "muscle")
     assert in_dataset.attrs["units"] == "N"
+
+
+def test_multiple_shooting_finds_the_same_tension():
+    """Wound in and paid out; at the latter the muscle, taut in the linear response, goes slack."""
+    method = Shooting(points=3, steps=5, intervals=8)
+    for contraction in (0.008573833041, -0.01):
+        single, multiple = (solve(replace(WOUND, {"muscles.0.contraction": contraction}), m) for m in (METHOD, method))
+        np.testing.assert_allclose(multiple.tensions, single.tensions, rtol=1e-8)
+        np.testing.assert_allclose(multiple.tip.y, single.tip.y, rtol=0, atol=1e-9)
+
+
+def test_length_control_holds_where_tension_control_snaps():
+    """A steel column that leans to the left under 1.5 times its buckling load, a tendon on its right. Wound in, the
+    tendon first pulls harder, up to a limit point, and then, as it brings the column upright, less: there the column
+    would fall over to the right if the tension were given, and does."""
+    bending, length = 0.157, 0.5
+    load = 1.5 * math.pi**2 * bending / (4 * length**2)
+    column = Scene(
+        Arm(length, 1e-3, 1e-3, 1.0, cross_section="rigid", base_angle=math.pi / 2 + 0.05,
+            stiffness=SectionStiffness(6e5, 2.5e5, bending)),
+        (Muscle(0.015, 0.015, 1.0, side=-1, tangent="unit"),),
+        tip=Tip(force=(0.0, -load)),
+    )  # fmt: skip
+    held = sweep(column, {"muscles.0.contraction": np.array([-0.02, -0.012, -0.004, 0.0])}, METHOD).solution
+    assert held.converged.all()
+    tensions = held.tensions[:, 0]
+    assert tensions[0] < tensions[1] > tensions[2] > tensions[3] > 0
+    assert (np.diff(held.tip.y) > 0).all()
+    assert held.tip.x[2] < -0.1
+    fallen = solve(replace(column, {"muscles.0.tension": tensions[2]}), METHOD)
+    assert fallen.tip.x > 0.3
 
 
 def found(scene: Scene) -> jax.Array:
