@@ -73,8 +73,9 @@ class Rod:
         self.start = np.append(0.0, ends[:-1])[:, None]
         self.span = ends[:, None] - self.start
         self.pieces = len(ends)
+        self.reaches = end >= ends[:, None]
         # Zero on the pieces beyond the end of a muscle.
-        self.tension = column([m["tension"] for m in muscles]) * (end >= ends[:, None])
+        self.tension = column([m["tension"] for m in muscles]) * self.reaches
         bending = self.bending(np.array([self.length / 2]), np.ones(1))[0]
         self.force = bending / self.length**2 + self.tension.sum(axis=0).max() + np.abs(self.tip_force).max()
         size = [self.length, self.length, 1.0, self.force, self.force, 1 / self.length, 1.0]
@@ -273,7 +274,8 @@ def solve(
 
     Gives `converged`, `message`, `load_fraction`; at the tip `x, y, theta, nu, eta, mu, beta`; `fields(s)`:
     these at any s, the internal `n_a, n_b, m`, and `Fx, Fy, M`, which hold the pull of the muscles too; at a
-    muscle end those of the piece before it. `tol` bounds the relative residual of collocation: 1e-9 gives the
+    muscle end those of the piece before it; `contractions`: how much shorter than at rest the path of each muscle
+    is. `tol` bounds the relative residual of collocation: 1e-9 gives the
     tip to about 1e-12 L, below 1e-10 rounding is in the way. `cold`: from the straight arm at full load.
     `max_change` limits x/L, y/L, theta, beta per load step, `min_step` is where raising the load is given up.
     """
@@ -306,9 +308,17 @@ def solve(
         values |= {"Fx": (f_x * total[:2]).sum(axis=0), "Fy": (f_y * total[:2]).sum(axis=0), "M": total[2]}
         return {name: value[piece, np.arange(len(s))] for name, value in values.items()}
 
+    def contractions() -> Array:
+        nodes, weights = np.polynomial.legendre.leggauss(6)
+        step = np.diff(last.xi)[:, None]
+        xi, weight = (last.xi[:-1, None] + step * (nodes + 1) / 2).ravel(), (step * weights / 2).ravel()
+        k = rod.section(rod.start + rod.span * xi, rod.unpack(last.curve(xi)), last.slope(xi)[0])
+        shorter = np.hypot(1.0, rod.offset_slope) - np.hypot(k.d_a, k.d_b) * k.stretch
+        return (shorter * rod.reaches * rod.span * weight).sum(axis=(1, 2))
+
     tip = {name: value.item() for name, value in fields(rod.length).items()}
     outcome = {"converged": message == "converged", "message": message, "load_fraction": last.load}
-    return SimpleNamespace(**outcome, **tip, fields=fields)
+    return SimpleNamespace(**outcome, **tip, fields=fields, contractions=contractions())
 
 
 def random_scene(rng: np.random.Generator) -> Scene:

@@ -17,7 +17,7 @@ def differentiable_root(residual: Callable, root: Float[Array, "..."], params: A
 
         d root = -(d residual / d root)^-1 (d residual / d params) d params
 
-    `root` is a scalar or a vector of length one or three. Forward and reverse mode, any order and nesting, as far as
+    `root` is a scalar or a vector. Forward and reverse mode, any order and nesting, as far as
     `residual` itself has them; the derivative with respect to the given `root`, the result of a guess, is zero.
     `residual` closes over no traced value.
     """
@@ -84,9 +84,11 @@ def value_and_jacobian(function: Callable, x: Array, has_aux: bool = False) -> t
 
 
 def solve_linear(matrix: Float[Array, "..."], rhs: Float[Array, "..."]) -> tuple[Float[Array, "*n"], Float[Array, ""]]:
-    """Solution and determinant of a system of one or three unknowns, in closed form: no library call in a hot loop."""
+    """Solution and determinant; of one or three unknowns in closed form: no library call in a hot loop."""
     if rhs.size == 1:
         return rhs / matrix.reshape(rhs.shape), matrix.reshape(())
+    if rhs.size != 3:
+        return jnp.linalg.solve(matrix, rhs), jnp.linalg.det(matrix)
     a, b, c = matrix.T
     bc = jnp.cross(b, c)
     determinant = a @ bc
@@ -99,7 +101,7 @@ def solve_columns(matrix: Float[Array, "n n"], rhs: Float[Array, "n columns"]) -
 
 
 def condition_number(matrix: Float[Array, "n n"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """max(1, |A|) max(1, |A^-1|) of a matrix between like quantities, for one or three of them, and |A^-1|.
+    """max(1, |A|) max(1, |A^-1|) of a matrix between like quantities, and |A^-1|.
 
     One unknown has a condition number of 1 whatever the matrix; held against the unit matrix it tells both an
     amplification and a singularity. The norms are Frobenius's.

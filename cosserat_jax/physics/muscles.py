@@ -1,7 +1,6 @@
 """Muscles as tendons: where each runs at a cross-section and how it pulls there."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,15 +19,13 @@ class Pull(eqx.Module):
     unit: bool = eqx.field(static=True)
 
 
-def pull_at(muscle: Muscle, arm: Arm, s: Scalar, is_active: Bool[Array, ""] | bool, load_fraction: Scalar) -> Pull:
-    """The pull of `muscle` at `s`; zero where the muscle is not active, that is past its end L_i.
+def pull_at(muscle: Muscle, arm: Arm, s: Scalar, is_active: Bool[Array, ""] | bool, tension: Scalar) -> Pull:
+    """The pull of `muscle` at `s` at this tension; zero where the muscle is not active, that is past its end L_i.
 
     y(s) = side (a + (b - a) s / L_i). Source: paper, Eq. TCAMsDistance.
     """
     end = arm.length if muscle.end is None else muscle.end
     slope = muscle.side * (muscle.end_offset - muscle.base_offset) / end
-    given: Any = muscle.tension  # None only in scenes that `actuate` takes, which gives it
-    tension = load_fraction * given
     if muscle.end is not None:
         tension = jnp.where(is_active, tension, 0.0)
     return Pull(tension, muscle.side * muscle.base_offset + slope * s, slope, muscle.tangent == "unit")

@@ -13,7 +13,7 @@ with f and m the distributed loads (paper, Eqs. EquilibriumEqLocalTranslation an
 director is carried beside theta because cosines are what costs time in a batch.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool
 
 from ..scene import Arm, Muscle, Scene, Tip
 from ..scene.quantity import Scalar
+from .lengths import length_controlled, shortening_rate
 from .loads import AbstractLoad, CrossSection
 from .muscles import active_at, pull_at
 from .section import SectionLoad, radius_at, stiffness_at, strains_at
@@ -32,7 +33,11 @@ _VOLUME_TOL = 1e-8  # Newton ends far below this wherever the constraint has a r
 
 
 class RodState(NamedTuple):
-    """Integrated along s: centerline [m], angle [rad] and director of the section, total force [N] and moment [N m]."""
+    """Integrated along s: centerline [m], angle [rad] and director of the section, total force [N] and moment [N m].
+
+    And how much shorter the path of each muscle of given contraction has become from s to its end [m]; None without
+    one, where diffrax would stumble over an empty tuple.
+    """
 
     x: Scalar
     y: Scalar
@@ -42,16 +47,21 @@ class RodState(NamedTuple):
     force_x: Scalar
     force_y: Scalar
     moment: Scalar
+    shortenings: tuple[Scalar, ...] | None = None
 
 
 class Rod(eqx.Module):
-    """A scene as the solver sees it: the arm, its muscles, and its loads, all of them times `load_fraction`."""
+    """A scene as the solver sees it: the arm, its muscles, and its loads, all of them times `load_fraction`.
+
+    `found` are the tensions [N], not times the load fraction, of the muscles whose contraction is given.
+    """
 
     arm: Arm
     muscles: tuple[Muscle, ...]
     loads: tuple[AbstractLoad, ...]
     tip: Tip | None
     load_fraction: Scalar
+    found: tuple[Scalar, ...] = ()
 
     @classmethod
     def of(cls, scene: Scene, load_fraction: Scalar = 1.0) -> "Rod":
@@ -76,6 +86,18 @@ class Rod(eqx.Module):
         return 3 if self.depends_on_position else 1
 
     @property
+    def length_controlled(self) -> tuple[int, ...]:
+        """The numbers of the muscles whose contraction is given: shooting has the tension of each as an unknown too."""
+        return length_controlled(self.muscles)
+
+    def tension(self, i: int) -> Scalar:
+        """Of muscle `i` [N]."""
+        given: Any = self.muscles[i].tension  # None in a scene that `actuate` takes, but it gives it
+        if self.muscles[i].contraction is None:
+            return self.load_fraction * given
+        return self.found[self.length_controlled.index(i)]
+
+    @property
     def is_rigid(self) -> bool:
         """Whether the cross-section keeps its size, so that the volume constraint is left out of the program."""
         return self.arm.cross_section == "rigid"
@@ -85,19 +107,20 @@ def tip_state(rod: Rod, x: Scalar, y: Scalar, theta: Scalar) -> RodState:
     """The state at s = L for a given pose of the tip: the tip's own force and moment, zero at a free tip."""
     cos, sin = jnp.cos(theta), jnp.sin(theta)
     zero = jnp.zeros_like(theta)
+    none = tuple(zero for _ in rod.length_controlled) or None
     if rod.tip is None:
-        return RodState(x, y, theta, cos, sin, zero, zero, zero)
+        return RodState(x, y, theta, cos, sin, zero, zero, zero, none)
     f1, f2 = (rod.load_fraction * component for component in rod.tip.force)
     if rod.tip.follower:
         f1, f2 = f1 * cos - f2 * sin, f1 * sin + f2 * cos
-    return RodState(x, y, theta, cos, sin, f1 + zero, f2 + zero, rod.load_fraction * rod.tip.moment + zero)
+    return RodState(x, y, theta, cos, sin, f1 + zero, f2 + zero, rod.load_fraction * rod.tip.moment + zero, none)
 
 
 def section_load(rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " muscles"]) -> SectionLoad:
     """The force and moment on the section at `s` in its own frame, with the muscles that are active there."""
     axial = state.force_x * state.cos + state.force_y * state.sin
     shear = state.force_y * state.cos - state.force_x * state.sin
-    pulls = tuple(pull_at(muscle, rod.arm, s, active[i], rod.load_fraction) for i, muscle in enumerate(rod.muscles))
+    pulls = tuple(pull_at(muscle, rod.arm, s, active[i], rod.tension(i)) for i, muscle in enumerate(rod.muscles))
     return SectionLoad(axial, shear, state.moment, pulls)
 
 
@@ -110,7 +133,8 @@ def derivative(rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " muscl
 
     def at(beta: Scalar, beta_s: Scalar) -> tuple[RodState, CrossSection]:
         section = _cross_section(rod.arm, s, state, load, beta, beta_s)
-        return _balance(rod, state, load, section), section
+        rates = [jnp.where(active[i], shortening_rate(load.pulls[i], section), 0.0) for i in rod.length_controlled]
+        return _balance(rod, state, load, section)._replace(shortenings=tuple(rates) or None), section
 
     if rod.is_rigid:
         return at(1.0, 0.0)

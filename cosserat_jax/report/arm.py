@@ -58,7 +58,7 @@ def muscle_line(muscle: Muscle, arm: Arm, fields: Fields) -> Float[np.ndarray, "
     held = np.asarray(fields.s)
     s = np.append(held[held < end], end)
     x, y, theta, beta = (np.interp(s, held, part) for part in (fields.x, fields.y, fields.theta, fields.beta))
-    offset = np.asarray(jax.vmap(lambda s: pull_at(muscle, arm, s, True, 1.0).offset)(s))
+    offset = np.asarray(jax.vmap(lambda s: pull_at(muscle, arm, s, True, 0.0).offset)(s))
     return _beside(x, y, theta, beta * offset)
 
 
@@ -82,6 +82,7 @@ def draw_arm(
 ) -> None:
     """Draws the arm of `scene` in its equilibrium `fields`, lengths times `factor`, above what is drawn already.
 
+    Every muscle of `scene` has its tension, whatever it was found from; see `study.with_tensions`.
     `color` and `linestyle` are those of the outline. `inside` draws centerline and muscles too, on a ground that covers
     the arms below; without it the arm is glass. A dot ends each muscle; a slack one is dotted.
     """
@@ -98,7 +99,7 @@ def draw_arm(
     axes.plot(x, y, gid="centerline", **_LOOKS["centerline"], **above)
     for muscle in scene.muscles:
         line = muscle_line(muscle, scene.arm, fields) * factor
-        axes.plot(*line.T, gid="muscle", **_LOOKS[_state(muscle, scene.arm)], **above)
+        axes.plot(*line.T, gid="muscle", **_LOOKS[_state(muscle)], **above)
         axes.plot(*line[-1], gid="muscle end", color=INK, marker="o", markersize=2.2, **above)
 
 
@@ -161,7 +162,7 @@ def _arrow(axes: Axes, transform: Any, ends: Sequence[tuple[float, float]], name
 
 def legend_handles(scenes: Sequence[Scene]) -> list[Line2D]:
     """What the arrows at a tip mean, and the lines inside the arms of these scenes, for a legend."""
-    states = {_state(muscle, scene.arm) for scene in scenes for muscle in scene.muscles}
+    states = {_state(muscle) for scene in scenes for muscle in scene.muscles}
     shown = [name for name in ("muscle", "slack muscle") if name in states]
     lines = [Line2D([], [], label=name, **_LOOKS[name]) for name in (["centerline", *shown] if scenes else [])]
     head: dict[str, Any] = {"marker": ">", "markevery": [1], "markersize": 5}
@@ -170,8 +171,9 @@ def legend_handles(scenes: Sequence[Scene]) -> list[Line2D]:
     return [*lines, a, t]
 
 
-def _state(muscle: Muscle, arm: Arm) -> str:
-    return "muscle" if float(pull_at(muscle, arm, 0.0, True, 1.0).tension) > 0 else "slack muscle"
+def _state(muscle: Muscle) -> str:
+    assert muscle.tension is not None, "a scene is drawn with the tensions of its solution"
+    return "muscle" if float(muscle.tension) > 0 else "slack muscle"
 
 
 def _wall(arm: Arm) -> Float[np.ndarray, "4 2"]:

@@ -23,16 +23,24 @@ _OVER_TIME = {
     "tension": ("N", "tension with which the muscle pulls the arm"),
 }
 
+_MUSCLE = "number of the muscle in the scene"
+
 
 def sweep_dataset(swept: "Sweep") -> xarray.Dataset:
     """The dataset of a sweep: swept paths as dimensions, fields also along `s`; see `solution_variables`.
 
-    `s` is the arc length; where that differs between rods it is s / L.
+    `s` is the arc length; where that differs between rods it is s / L. Over the grid and `muscle`, the number of a
+    muscle in the scene: `tension`.
     """
     dims = tuple(swept.over)
     coords = {path: _swept_coordinate(swept, path) for path in dims} | {"s": _swept_arc_length(swept)}
+    data = solution_variables(dims, swept.solution)
+    if swept.scene.muscles:
+        coords["muscle"] = variable(("muscle",), range(len(swept.scene.muscles)), "1", _MUSCLE)
+        meaning = "tension of the muscle, given or found from its contraction"
+        data["tension"] = variable((*dims, "muscle"), swept.solution.tensions, "N", meaning)
     attributes = provenance("equilibria of a soft rod", swept.scene) | {"method": repr(swept.method)}
-    return xarray.Dataset(solution_variables(dims, swept.solution), coords, attributes)
+    return xarray.Dataset(data, coords, attributes)
 
 
 def actuation_dataset(actuation: "Actuation") -> xarray.Dataset:
@@ -46,7 +54,7 @@ def actuation_dataset(actuation: "Actuation") -> xarray.Dataset:
     numbers = np.array(list(actuation.responses))
     coords = {
         "time": variable(("time",), actuation.times, "s", "time since the voltage begins"),
-        "muscle": variable(("muscle",), numbers, "1", "number of the muscle in the scene"),
+        "muscle": variable(("muscle",), numbers, "1", _MUSCLE),
         "s": arc_length(actuation.scene, solution.fields.s.shape[-1]),
     }
     data = _muscle_variables(actuation) | solution_variables(("time",), solution)

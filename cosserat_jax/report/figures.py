@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from ..scene import Scene
 from ..solver import Solution
+from ..study import with_tensions
 from .arm import draw_directors
 from .layout import Case, Layout
 from .page import CURVES, HALF, LABELS, LEGEND, WIDE, WIDTH, explain, footer, printed
@@ -78,7 +79,8 @@ def solve_figure(scenes: Mapping[str, Scene], solutions: Mapping[str, Solution])
     names = [name for name in scenes if bool(solutions[name].converged)]
     rods = []
     for i, name in enumerate(names):
-        rods.append(Rod(scenes[name], solutions[name].fields, case_style(i) | {"label": name}))
+        drawn = with_tensions(scenes[name], dict(enumerate(solutions[name].tensions)))
+        rods.append(Rod(drawn, solutions[name].fields, case_style(i) | {"label": name}))
     columns = 1 if len(rods) == 1 else 2
     frames = [Frame.around([rod], WIDE if columns == 1 else HALF) for rod in rods]
     heights = [max(frame.height for frame in frames[i : i + columns]) + LABELS for i in range(0, len(rods), columns)]

@@ -14,6 +14,7 @@ from matplotlib.colors import ListedColormap, Normalize
 
 from ..scene import Scene, replace, unit_of
 from ..solver import Fields, Solution
+from ..study import with_tensions
 
 if TYPE_CHECKING:
     from ..study import Sweep
@@ -22,6 +23,7 @@ CASES = 4  # drawn at most
 # lightness rises from one end to the other, so the order reads in grey too; the yellow end is too pale for white paper
 COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, 256)))
 _PREFIXES = {-6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_IS_PULL = re.compile(r"muscles\.\d+\.(tension|contraction)")
 _ALREADY_PREFIXED = re.compile(r"1|rad\b|deg|kg|m\^")  # these take no further prefix
 
 
@@ -50,10 +52,10 @@ class Layout:
 
     @classmethod
     def of(cls, swept: "Sweep") -> "Layout":
-        """The colour is the first swept tension of a muscle, else the path with the most values."""
+        """The colour is the first swept tension or contraction of a muscle, else the path with the most values."""
         over = swept.over
-        tensions = [path for path, v in over.items() if re.fullmatch(r"muscles\.\d+\.tension", path) and v.size > 1]
-        colour = tensions[0] if tensions else max(over, key=lambda path: over[path].size)
+        pulls = [path for path, v in over.items() if _IS_PULL.fullmatch(path) and v.size > 1]
+        colour = pulls[0] if pulls else max(over, key=lambda path: over[path].size)
         order = np.argsort(over[colour], kind="stable")
         others = [path for path in over if path != colour]
         every = list(np.ndindex(*(over[path].size for path in others)))
@@ -70,8 +72,9 @@ class Layout:
         return [(*self.rod(case, int(i)), float(self.values[i])) for i in chosen]
 
     def rod(self, case: Case, i: int) -> tuple[Scene, Fields]:
-        """The scene and the fields of a case's rod at the colour's value `i`."""
+        """The scene, with the tensions found, and the fields of a case's rod at the colour's value `i`."""
         scene = replace(self.scene, {**case.at, self.colour: self.values[i]})
+        scene = with_tensions(scene, dict(enumerate(case.solution.tensions[i])))
         return scene, jax.tree.map(lambda leaf: leaf[i], case.solution.fields)
 
     @property

@@ -72,8 +72,8 @@ def save_animation(actuation: "Actuation", place: Path) -> None:
 
 def rod_at(actuation: "Actuation", instant: int, color: Any) -> Rod:
     """The arm at one of the instants, each muscle with the tension that it has then."""
-    tensions = {i: response.tension[instant] for i, response in actuation.responses.items()}
-    fields = jax.tree.map(lambda leaf: leaf[instant], actuation.solution.fields)
+    fields, found = jax.tree.map(lambda leaf: leaf[instant], (actuation.solution.fields, actuation.solution.tensions))
+    tensions = dict(enumerate(np.nan_to_num(found)))
     return Rod(with_tensions(actuation.scene, tensions), fields, {"color": color})
 
 

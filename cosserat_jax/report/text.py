@@ -35,6 +35,7 @@ def json_line(name: str, solution: Solution) -> str:
         "condition": _number(solution.condition),
         "load_fraction": float(solution.load_fraction),
         "failed_at": _number(solution.failed_at),
+        "tensions_N": [_number(tension) for tension in solution.tensions],
     }
     return json.dumps(line, allow_nan=False)
 
@@ -44,6 +45,8 @@ def solution_text(name: str, solution: Solution) -> str:
     lines = [f"{name}: {solution.message}"]
     if bool(solution.converged):
         lines += [*_tip_lines("tip", solution), f"  tilt         {math.degrees(float(solution.tilt)):.6g} deg"]
+        if solution.tensions.size:
+            lines.append(f"  tensions     {', '.join(_tension_text(tension) for tension in solution.tensions)}")
     lines.append(f"  residual     {float(solution.residual):.2g} after {int(solution.iterations)} iterations")
     return "\n".join(lines)
 
@@ -170,6 +173,10 @@ def _tip_lines(label: str, solution: Solution) -> list[str]:
         f"  {label:12} x {x:.6g} m, y {y:.6g} m",
         f"  theta        {theta:.6g} rad, {math.degrees(theta):.6g} deg",
     ]
+
+
+def _tension_text(tension: Any) -> str:
+    return f"{float(tension):.6g} N" if tension > 0 else "0 N (slack)"
 
 
 def _rod_text(swept: Sweep, place: tuple[int, ...]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 
-from .parts import Scene
+from .parts import Muscle, Scene
 from .quantity import Choice, Count, Declaration, Function, Quantity, SceneError, Series, declaration
 from .units import series_to_si, to_si
 
@@ -47,7 +47,8 @@ def unit_of(scene: Scene, path: str) -> str:
 def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """`scene` with the parameters at these paths replaced; the scene itself is unchanged.
 
-    A value is a number or array in SI, a string with a unit ("20 N"), or for a choice the choice ("rigid").
+    A value is a number or array in SI, a string with a unit ("20 N"), or for a choice the choice ("rigid"). A muscle's
+    `contraction` takes the place of its `tension`, and the other way round.
     Raises `SceneError` for a path that does not exist and for a value that is not allowed there.
     """
     parsed = {}
@@ -79,7 +80,12 @@ def _replaced(part: Any, values: dict[tuple[str, ...], Any]) -> Any:
         below.setdefault(key, {})[tuple(rest)] = value
     if isinstance(part, tuple):
         return tuple(_replaced(item, below[str(i)]) if str(i) in below else item for i, item in enumerate(part))
-    return dataclasses.replace(part, **{key: _replaced(getattr(part, key), sub) for key, sub in below.items()})
+    new = {key: _replaced(getattr(part, key), sub) for key, sub in below.items()}
+    if isinstance(part, Muscle):
+        for one, other in (("tension", "contraction"), ("contraction", "tension")):
+            if new.get(one) is not None:
+                new.setdefault(other, None)
+    return dataclasses.replace(part, **new)
 
 
 def nearest(word: str, known: list[str]) -> str:

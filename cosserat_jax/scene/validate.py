@@ -120,11 +120,15 @@ def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
 
 
 def _check_source(path: str, muscle: Any) -> None:
-    """A muscle's tension is given or made by a TCAM."""
-    if muscle.tension is None and muscle.tcam is None:
-        raise SceneError(f"{path}.tension: missing; give it, or a table {path}.tcam that makes it")
-    if muscle.tension is not None and muscle.tcam is not None:
-        raise SceneError(f"{path}.tension: given beside {path}.tcam, which makes it; allowed: the one or the other")
+    """A muscle's tension is given, found from its contraction, or made by a TCAM."""
+    given = [name for name in ("tension", "contraction", "tcam") if getattr(muscle, name) is not None]
+    if not given:
+        raise SceneError(
+            f"{path}.tension: missing; give it, or {path}.contraction, or a table {path}.tcam that makes it"
+        )
+    if len(given) > 1:
+        others = " and ".join(f"{path}.{name}" for name in given[1:])
+        raise SceneError(f"{path}.{given[0]}: given beside {others}; allowed: one of tension, contraction and tcam")
     if muscle.tcam is not None:
         if not isinstance(muscle.tcam, TCAM):
             raise SceneError(f"{path}.tcam: {muscle.tcam!r} is not allowed; allowed: a TCAM")

@@ -57,7 +57,7 @@ def _derivative(function: Callable, total: Total, primals: tuple, tangents: tupl
 
 
 def total_rates(function: Callable, root: Float[Array, " unknowns"], params: Scalars, moving: tuple[int, ...]) -> tuple:
-    """Of one or three unknowns, in one pass: (E, O) and their derivatives, the moving parameters on the last axis."""
+    """Of a vector of unknowns, in one pass: (E, O) and their derivatives, the moving parameters on the last axis."""
 
     def of(both: Array) -> tuple[tuple, tuple]:
         result = function(both[: root.size], in_places(params, moving, both[root.size :]))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from ..physics.lengths import units_of
 from ..physics.muscles import active_stretches
 from ..physics.rod import Rod, RodState, derivative, tip_state
 from ..physics.section import stiffness_at
@@ -50,7 +51,7 @@ class Shot(NamedTuple):
 
 def shoot(
     rod: Rod,
-    tip_pose: Float[Array, " unknowns"],
+    tip_pose: Float[Array, " pose"],
     method: Shooting,
     points: Float[Array, " points"] | None = None,
 ) -> Shot:
@@ -121,7 +122,7 @@ def integrate(
     return Stretch(jax.tree.map(lambda y, unit: y[-1] * unit, at_end, scale), at_points, progress)
 
 
-def state_at_tip(rod: Rod, tip_pose: Float[Array, " unknowns"]) -> RodState:
+def state_at_tip(rod: Rod, tip_pose: Float[Array, " pose"]) -> RodState:
     """The state at s = L for a pose of the tip; where no load asks for its place, that is the origin."""
     x, y = tip_pose[1:] * rod.arm.length if rod.depends_on_position else jnp.zeros(2)
     return tip_state(rod, x, y, tip_pose[0])
@@ -132,7 +133,8 @@ def _scales(rod: Rod, s: Float[Array, ""]) -> RodState:
     length = rod.arm.length
     bending = stiffness_at(rod.arm, s, 1.0).bending
     force = bending / length**2
-    return lax.stop_gradient(RodState(length, length, 1.0, 1.0, 1.0, force, force, bending / length))
+    levers = tuple(units_of(rod.muscles[i], rod.arm).lever for i in rod.length_controlled) or None
+    return lax.stop_gradient(RodState(length, length, 1.0, 1.0, 1.0, force, force, bending / length, levers))
 
 
 def gather(at_points: Any, ends: Float[Array, " stretches+1"], points: Float[Array, " points"]) -> RodState:

@@ -24,7 +24,8 @@ class Shooting(eqx.Module):
     - `rtol`, `atol`: tolerances of the adaptive steps. The state is scaled for them by the bending stiffness EJ of the
       section where a segment starts: forces by EJ / L^2, moments by EJ / L, positions by L.
     - `steps`: a number of equal steps in each segment instead of adaptive ones.
-    - `intervals`: 1 is single shooting, whose unknown is the pose of the tip. More is multiple shooting, which cuts the
+    - `intervals`: 1 is single shooting, whose unknown is the pose of the tip (and the tension of every muscle whose
+      contraction is given, in all that follows). More is multiple shooting, which cuts the
       arm into that many intervals, short where its state changes fast, with the state at every cut unknown: slower, and
       not impressed by an arm pulled taut. None is single shooting, and multiple shooting with 64 intervals for a rod
       that single shooting did not solve; the choice is made in Python, so it asks for values that JAX is not tracing:

@@ -9,7 +9,8 @@ Over a short interval they hardly part. With u_i the state at cut i, from the ti
 is solved by Newton for all u_i at once. Its linear system is solved by a stabilised march (Godunov 1961; Conte 1966):
 du_i = P_i w_i + c_i, P_i an orthonormal basis of what the tip's pose can do at cut i, carried to the base, where the
 clamp gives w_n, and w back to the tip. The intervals are short where force or curvature is large, and are cut anew
-before every load.
+before every load. Unknown tensions border that system: it is solved for a change of each as well, and the equations of
+the lengths say how much of each there is.
 """
 
 from collections.abc import Callable
@@ -32,25 +33,38 @@ from .equilibrium import Scalars
 from .integrate import Progress, Shot, Stretch, gather, integrate, state_at_tip
 from .method import Shooting
 from .outcome import Outcome
+from .tensions import (
+    LinearLengths,
+    compliance_at_rest,
+    length_errors,
+    linear_lengths,
+    over_compliance,
+    pulled,
+    without_redundant,
+)
 
 
 class Nodes(NamedTuple):
     """Where the arm is cut, s / L from the tip to the base without the ends of the arm and of muscles, and the states
-    at all of them: (theta, F1, F2, M) or (theta, x, y, F1, F2, M), in the units of the bending stiffness there."""
+    at all of them: (theta, F1, F2, M) or (theta, x, y, F1, F2, M), in the units of the bending stiffness there. And the
+    unknown tensions, None without; see `tensions`."""
 
     cuts: Float[Array, " cuts"]
     states: Float[Array, "nodes size"]
+    tensions: Float[Array, " found"] | None = None
 
 
 class MultipleShooting(Formulation):
-    """The pose is the `Nodes`."""
+    """The pose is the `Nodes`. `compliance` is that of `tensions.compliance_at_rest`."""
 
     scene: Scene
     method: Shooting
+    compliance: Float[Array, "found found"] | None
 
     @property
     def unknowns(self) -> int:
-        return Rod.of(self.scene).unknowns
+        rod = Rod.of(self.scene)
+        return rod.unknowns + len(rod.length_controlled)
 
     @property
     def first_load(self) -> float:
@@ -70,17 +84,21 @@ class MultipleShooting(Formulation):
         s, _ = _mesh(rod, cuts)
         angle = jnp.full(s.shape, self.scene.arm.base_angle)
         pose = [angle, s / s[0] * jnp.cos(angle), s / s[0] * jnp.sin(angle)][: rod.unknowns]
-        return Nodes(cuts, jnp.stack([*pose, *jnp.zeros((3, s.size))], axis=1))
+        tensions = jnp.zeros(len(rod.length_controlled)) if rod.length_controlled else None
+        return Nodes(cuts, jnp.stack([*pose, *jnp.zeros((3, s.size))], axis=1), tensions)
 
     def attempt(self, load: Float[Array, ""], pose: Nodes) -> Attempt:
         def rod_of(load: Float[Array, " 1"]) -> Rod:
             return Rod.of(self.scene, load[0])
 
         linear = linearised(rod_of, load[None], pose, self.method)
-        change, jacobian = linear.solve()
-        newton, rate = (Nodes(jnp.zeros_like(pose.cuts), change[..., i]) for i in range(2))
+        change, tensions, jacobian = linear.solve(self.compliance)
+        newton, rate = (
+            Nodes(jnp.zeros_like(pose.cuts), change[..., i], None if tensions is None else tensions[:, i])
+            for i in range(2)
+        )
         return Attempt(
-            pose=Nodes(pose.cuts, linear.states + newton.states),
+            pose=jax.tree.map(jnp.add, pose._replace(states=linear.states), newton),
             step=self.size(newton),
             error=linear.error,
             rate=rate,
@@ -89,11 +107,12 @@ class MultipleShooting(Formulation):
         )
 
     def predict(self, pose: Nodes, rate: Nodes, load: Array, ahead: Array) -> Nodes:
-        states = pose.states + (ahead - load) * rate.states
-        return _cut_anew(Rod.of(self.scene, ahead), Nodes(pose.cuts, states))
+        nodes = jax.tree.map(lambda at, rate: at + (ahead - load) * rate, pose, rate)  # cuts have no rate
+        return _cut_anew(pulled(Rod.of(self.scene, ahead), nodes.tensions), nodes)
 
     def size(self, change: Nodes) -> Array:
-        return jnp.max(jnp.abs(change.states[:, : change.states.shape[1] - 3]))
+        of_pose = jnp.max(jnp.abs(change.states[:, : change.states.shape[1] - 3]))
+        return of_pose if change.tensions is None else jnp.maximum(of_pose, jnp.max(jnp.abs(change.tensions)))
 
     def reason(self, attempt: Attempt, at: Array) -> Outcome:
         reason = Outcome.where(attempt.progress.finished, Outcome.limit_point, Outcome.integration_failed)
@@ -103,13 +122,18 @@ class MultipleShooting(Formulation):
 def find_nodes(scene: Scene, method: Shooting) -> Found:
     """The nodes at equilibrium, without derivatives."""
     scene = lax.stop_gradient(scene)
-    return follow(MultipleShooting(scene, method), is_allowed(scene), method)
+    compliance = compliance_at_rest(Rod.of(scene))
+    found = follow(MultipleShooting(scene, method, compliance), is_allowed(scene), method)
+    return without_redundant(found, compliance, found.pose.tensions)
 
 
 def shoot_between(
     rod: Rod, nodes: Nodes, method: Shooting, points: Float[Array, " points"]
 ) -> tuple[Shot, Float[Array, ""]]:
-    """The integration from every node to the next as one `Shot` with the base at the origin, and the largest error."""
+    """The integration from every node to the next as one `Shot` with the base at the origin, and the largest error.
+
+    `rod` is that with the tensions of `nodes`.
+    """
     s, _ = _mesh(rod, nodes.cuts)
     stretches, ends = _integrate_all(rod, nodes, method, points)
     start = jax.vmap(lambda s, u: _state(rod, u, s))(s[:-1], nodes.states[:-1])
@@ -121,8 +145,10 @@ def shoot_between(
     at: Any = stretches.saved
     at = at._replace(x=placed(start.x, stretches.end.x, at.x), y=placed(start.y, stretches.end.y, at.y))
     base = jax.tree.map(lambda leaf: leaf[-1], stretches.end)
-    base = base._replace(x=jnp.zeros(()), y=jnp.zeros(()))
-    return Shot(base, gather(at, s, points), stretches.progress.over_all()), _error(rod, nodes.states, ends)
+    shortenings = jax.tree.map(jnp.sum, stretches.end.shortenings)
+    base = base._replace(x=jnp.zeros(()), y=jnp.zeros(()), shortenings=shortenings)
+    error = _error(rod, nodes.states, ends, length_errors(rod, shortenings))
+    return Shot(base, gather(at, s, points), stretches.progress.over_all()), error
 
 
 def total_rates(
@@ -134,15 +160,16 @@ def total_rates(
         return in_places(params, moving, values)
 
     at = jnp.stack([params[i] for i in moving])
-    change, _ = linearised(lambda values: rod_of(with_moving(values)), at, nodes, method).solve()
+    change, tensions, _ = linearised(lambda values: rod_of(with_moving(values)), at, nodes, method).solve()
+    change, tensions = jax.tree.map(lambda of: jnp.moveaxis(of[..., 1:], -1, 0), (change, tensions))
 
-    def along(states_step: Array, values_step: Array) -> tuple:
-        def of(states: Array, values: Array) -> Any:
-            return function(Nodes(nodes.cuts, states), with_moving(values))
+    def along(states_step: Array, tensions_step: Array | None, values_step: Array) -> tuple:
+        def of(states: Array, tensions: Array | None, values: Array) -> Any:
+            return function(Nodes(nodes.cuts, states, tensions), with_moving(values))
 
-        return jax.jvp(of, (nodes.states, at), (states_step, values_step))
+        return jax.jvp(of, (nodes.states, nodes.tensions, at), (states_step, tensions_step, values_step))
 
-    return jax.vmap(along, out_axes=(None, -1))(jnp.moveaxis(change[..., 1:], -1, 0), jnp.eye(len(moving)))
+    return jax.vmap(along, out_axes=(None, -1))(change, tensions, jnp.eye(len(moving)))
 
 
 class Linearised(NamedTuple):
@@ -151,6 +178,7 @@ class Linearised(NamedTuple):
     - `states`: those given, the first one put on the tip's condition. `ends`: phi(u).
     - `growth` d phi / d u, `rates` d phi / d parameters. `tip`, `tip_rates`: d u_0 by the tip's pose, by parameters.
     - `clamp_error`, `clamp_rates`: of the pose at the base.
+    - `lengths`: the equations of given contractions, None without; the last parameters are then the unknown tensions.
     """
 
     states: Float[Array, "nodes size"]
@@ -161,24 +189,41 @@ class Linearised(NamedTuple):
     tip_rates: Float[Array, "size params"]
     clamp_error: Float[Array, " unknowns"]
     clamp_rates: Float[Array, "unknowns params"]
+    lengths: LinearLengths | None
     error: Float[Array, ""]
     progress: Progress
 
-    def solve(self) -> tuple[Float[Array, "nodes size params+1"], Float[Array, "unknowns unknowns"]]:
-        """Newton's step and, beside it, d(states)/d(parameters); and the Jacobian of the clamp's equation."""
+    def solve(
+        self, compliance: Float[Array, "found found"] | None = None
+    ) -> tuple[Float[Array, "nodes size params+1"], Float[Array, "found params+1"] | None, Float[Array, "n n"]]:
+        """Newton's step and, beside it, d(states)/d(parameters); the same of the tensions, None without; and the
+        Jacobian of the clamp's equation, with a block for the lengths, over their `compliance`, where that is given."""
         jumps = jnp.concatenate([(self.ends - self.states[1:])[..., None], self.rates], axis=-1)
         start = jnp.pad(self.tip_rates, ((0, 0), (1, 0)))
         clamp = jnp.concatenate([-self.clamp_error[:, None], self.clamp_rates], axis=-1)
-        return _march(self.growth, jumps, self.tip, start, clamp)
+        change, jacobian = _march(self.growth, jumps, self.tip, start, clamp)
+        if self.lengths is None:
+            return change, None, jacobian
+        change, tensions, block = self.lengths.close(change)
+        if compliance is not None:
+            block = over_compliance(block, compliance, self.lengths.taut)
+        return change, tensions, jax.scipy.linalg.block_diag(jacobian, block)
 
 
 def linearised(
-    rod_of: Callable[[Array], Rod], params: Float[Array, " params"], nodes: Nodes, method: Shooting
+    given: Callable[[Array], Rod], params: Float[Array, " params"], nodes: Nodes, method: Shooting
 ) -> Linearised:
-    """The system at `nodes` of the rod `rod_of(params)`; see `Linearised`.
+    """The system at `nodes` of the rod `given(params)`; see `Linearised`. Unknown tensions join the parameters.
 
     phi_i depends on u_i alone, so the same change of every state at once shows all blocks of the Jacobian.
     """
+    count = params.size
+    if nodes.tensions is not None:
+        params = jnp.concatenate([params, nodes.tensions])
+
+    def rod_of(params: Array) -> Rod:
+        return given(params) if nodes.tensions is None else pulled(given(params[:count]), params[count:])
+
     size, rod = nodes.states.shape[1], rod_of(params)
     unknowns = rod.unknowns
     pose = nodes.states[0, :unknowns]
@@ -191,20 +236,25 @@ def linearised(
     tip, tip_rates = jax.jacfwd(at_tip, argnums=(0, 1))(pose, params)
 
     def along(states_step: Array, params_step: Array) -> tuple:
-        def integrated(states: Array, params: Array) -> tuple[Array, Progress]:
+        def integrated(states: Array, params: Array) -> tuple[tuple[Array, Any], Progress]:
             stretches, ends = _integrate_all(rod_of(params), Nodes(nodes.cuts, states), method)
-            return ends, stretches.progress
+            return (ends, stretches.end.shortenings), stretches.progress
 
         steps = jnp.broadcast_to(states_step, states.shape), params_step
         return jax.jvp(integrated, (states, params), steps, has_aux=True)
 
     both = jnp.eye(size + params.size)
-    ends, rates, progress = jax.vmap(along, out_axes=(None, -1, None))(both[:, :size], both[:, size:])
+    (ends, shorter), (rates, shorter_rates), progress = jax.vmap(along, out_axes=(None, -1, None))(
+        both[:, :size], both[:, size:]
+    )
     clamp_rates = jax.jacfwd(lambda params: _clamp(rod_of(params)))(params)
     clamp_error = states[-1, :unknowns] - _clamp(rod)
+    shortenings = jax.tree.map(jnp.sum, shorter)
+    rows = None if shorter is None else jnp.stack(shorter_rates, axis=1)
+    lengths = None if rows is None else linear_lengths(rod_of, params, shortenings, rows)
     return Linearised(
-        states, ends, rates[..., :size], rates[..., size:], tip, tip_rates, clamp_error, clamp_rates,
-        _error(rod, states, ends), progress.over_all(),
+        states, ends, rates[..., :size], rates[..., size:], tip, tip_rates, clamp_error, clamp_rates, lengths,
+        _error(rod, states, ends, length_errors(rod, shortenings)), progress.over_all(),
     )  # fmt: skip
 
 
@@ -297,7 +347,7 @@ def _cut_anew(rod: Rod, nodes: Nodes) -> Nodes:
     begin, end = physical[i], physical[i + 1]
     cubic = begin * (1 + 2 * t) * (1 - t) ** 2 + end * t**2 * (3 - 2 * t)
     cubic += h * t * (1 - t) * (first[i] * (1 - t) - last[i] * t)
-    return Nodes(cuts, cubic / jax.vmap(lambda s: _units(rod, s))(target))
+    return Nodes(cuts, cubic / jax.vmap(lambda s: _units(rod, s))(target), nodes.tensions)
 
 
 def _mesh(rod: Rod, cuts: Float[Array, " cuts"]) -> tuple[Float[Array, " nodes"], Bool[Array, "intervals muscles"]]:
@@ -305,10 +355,11 @@ def _mesh(rod: Rod, cuts: Float[Array, " cuts"]) -> tuple[Float[Array, " nodes"]
     return active_stretches(rod.muscles, rod.arm, cuts * rod.arm.length)
 
 
-def _error(rod: Rod, states: Array, ends: Array) -> Float[Array, ""]:
-    """The largest error of the clamp and of a state that meets the next, in parts of it where it is large."""
+def _error(rod: Rod, states: Array, ends: Array, lengths: list) -> Float[Array, ""]:
+    """The largest error of the clamp, of lengths, and of a state that meets the next, in parts of it if it is large."""
     met = jnp.max(jnp.abs(ends - states[1:]) / (1 + jnp.abs(states[1:])))
-    return jnp.maximum(met, jnp.max(jnp.abs(states[-1, : rod.unknowns] - _clamp(rod))))
+    largest = jnp.maximum(met, jnp.max(jnp.abs(states[-1, : rod.unknowns] - _clamp(rod))))
+    return jnp.max(jnp.stack([largest, *(jnp.abs(error) for error, _ in lengths)])) if lengths else largest
 
 
 def _clamp(rod: Rod) -> Float[Array, " unknowns"]:
@@ -339,4 +390,5 @@ def _vector(rod: Rod, state: RodState, s: Scalar) -> Float[Array, " size"]:
 def _state(rod: Rod, vector: Float[Array, " size"], s: Scalar) -> RodState:
     theta, *place, force_x, force_y, moment = list(vector * _units(rod, s))
     x, y = place if place else jnp.zeros(2)
-    return RodState(x, y, theta, jnp.cos(theta), jnp.sin(theta), force_x, force_y, moment)
+    none = tuple(jnp.zeros_like(theta) for _ in rod.length_controlled) or None
+    return RodState(x, y, theta, jnp.cos(theta), jnp.sin(theta), force_x, force_y, moment, none)

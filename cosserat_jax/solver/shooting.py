@@ -3,6 +3,9 @@
 The unknown is u = (theta,) or (theta, x / L, y / L) of the tip, the residual the error of the base's pose. At no load
 the arm is straight and u is known; a probe at a small load gives its linear response, and the pose at the next load is
 predicted along the last secant.
+
+A muscle whose contraction is given adds its tension to the unknown, and the error of its length to the residual; see
+`tensions`.
 """
 
 from typing import Any
@@ -19,19 +22,25 @@ from .continuation import Attempt, Formulation, Found, follow
 from .integrate import Shot, shoot
 from .method import Shooting
 from .outcome import Outcome
+from .tensions import compliance_at_rest, length_errors, over_compliance, pulled, taut_at, without_redundant
 
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 
 
 class SingleShooting(Formulation):
-    """The pose is that of the tip."""
+    """The pose is that of the tip, and the tensions that are unknown.
+
+    `compliance` is d(contraction)/d(tension) of those muscles on the unloaded arm, in their units; None without them.
+    """
 
     scene: Scene
     method: Shooting
+    compliance: Float[Array, "found found"] | None
 
     @property
     def unknowns(self) -> int:
-        return Rod.of(self.scene).unknowns
+        rod = Rod.of(self.scene)
+        return rod.unknowns + len(rod.length_controlled)
 
     @property
     def first_load(self) -> float:
@@ -46,19 +55,23 @@ class SingleShooting(Formulation):
         return 2.0
 
     def rest(self) -> Float[Array, " unknowns"]:
-        angle = jnp.asarray(self.scene.arm.base_angle, float)
+        rod, angle = Rod.of(self.scene), jnp.asarray(self.scene.arm.base_angle, float)
         pose = [angle, jnp.cos(angle), jnp.sin(angle)]
-        return jnp.stack(pose[: self.unknowns])
+        return jnp.stack([*pose[: rod.unknowns], *(jnp.zeros(()) for _ in rod.length_controlled)])
 
     def attempt(self, load: Float[Array, ""], pose: Float[Array, " unknowns"]) -> Attempt:
-        def error_of(pose: Array) -> tuple[Array, Shot]:
-            rod = Rod.of(self.scene, load)
-            shot = shoot(rod, pose, self.method)
-            return base_error(rod, shot), shot
+        def error_of(unknowns: Array) -> tuple[Array, tuple[Rod, Shot]]:
+            rod, tip_pose = split(Rod.of(self.scene, load), unknowns)
+            shot = shoot(rod, tip_pose, self.method)
+            return base_error(rod, shot), (rod, shot)
 
-        (error, shot), jacobian = value_and_jacobian(error_of, pose, has_aux=True)
+        (error, (rod, shot)), jacobian = value_and_jacobian(error_of, pose, has_aux=True)
         jacobian = jacobian.reshape(pose.size, pose.size)
         newton, _ = solve_linear(jacobian, -error)
+        if self.compliance is not None:
+            taut = taut_at(rod, shot.base.shortenings)
+            rows = over_compliance(jacobian[rod.unknowns :], self.compliance, taut)
+            jacobian = jnp.concatenate([jacobian[: rod.unknowns], rows])
         return Attempt(
             pose=pose + newton,
             step=self.size(newton),
@@ -82,14 +95,27 @@ class SingleShooting(Formulation):
 
 
 def find_tip_pose(scene: Scene, method: Shooting) -> Found:
-    """The tip's pose at equilibrium, without derivatives."""
+    """The tip's pose and the unknown tensions at equilibrium, without derivatives."""
     scene = lax.stop_gradient(scene)
-    return follow(SingleShooting(scene, method), is_allowed(scene), method)
+    rod = Rod.of(scene)
+    compliance = compliance_at_rest(rod)
+    found = follow(SingleShooting(scene, method, compliance), is_allowed(scene), method)
+    return without_redundant(found, compliance, None if compliance is None else found.pose[rod.unknowns :])
+
+
+def split(rod: Rod, unknowns: Float[Array, " unknowns"]) -> tuple[Rod, Float[Array, " pose"]]:
+    """The rod with the tensions that are among the unknowns, and the tip's pose."""
+    if not rod.length_controlled:
+        return rod, unknowns
+    return pulled(rod, unknowns[rod.unknowns :]), unknowns[: rod.unknowns]
 
 
 def base_error(rod: Rod, shot: Shot) -> Float[Array, " unknowns"]:
-    """Error of the base's pose: its angle [rad] and, with three unknowns, its place in lengths of the arm."""
+    """Error of the base's pose: its angle [rad] and, with three unknowns, its place in lengths of the arm.
+
+    Behind it the error of each given contraction, over the lever of the muscle.
+    """
     error = [shot.base.theta - rod.arm.base_angle]
     if rod.depends_on_position:
         error += [shot.base.x / rod.arm.length, shot.base.y / rod.arm.length]
-    return jnp.stack(error)
+    return jnp.stack([*error, *(length for length, _ in length_errors(rod, shot.base.shortenings))])

@@ -55,7 +55,8 @@ class Solution(eqx.Module):
 
     - `tip` [m, m, rad], `tip_strain`, `fields` over s: NaN for a rod that has no solution.
     - `outcome`: an `Outcome`; `Outcome[solution.outcome]` is its sentence.
-    - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm.
+    - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm; and
+      of given contractions, over the lever of the muscle (see `physics.lengths`).
       With multiple shooting, if it is larger, the largest gap between two intervals.
     - `condition`: max(1, |A|) max(1, |A^-1|), A the Jacobian of the equation that clamps the base. In single shooting A
       is d(pose of the base)/d(pose of the tip): as many of the 16 digits are lost as this has. Large where the tip's
@@ -63,6 +64,7 @@ class Solution(eqx.Module):
     - `iterations`: integrations with their Jacobian, over all load steps. `steps`: of the last integration.
     - `load_fraction`: the part of the load up to which the equilibrium was followed; 1 where converged.
     - `failed_at`: arc length s [m] at which the volume constraint folded or the integration stopped, else NaN.
+    - `tensions` [N] of all muscles, those given and those found from a contraction; 0 is slack. NaN without a solution.
     """
 
     tip: Pose
@@ -75,6 +77,7 @@ class Solution(eqx.Module):
     steps: Int[Array, "..."]
     load_fraction: Float[Array, "..."]
     failed_at: Float[Array, "..."]
+    tensions: Float[Array, "... muscles"]
 
     @property
     def message(self) -> str:

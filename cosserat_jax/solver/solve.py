@@ -22,8 +22,9 @@ from .integrate import Shot, shoot
 from .method import Shooting
 from .multiple import find_nodes, shoot_between
 from .outcome import Outcome
-from .shooting import base_error, find_tip_pose
+from .shooting import base_error, find_tip_pose, split
 from .solution import Fields, Pose, SectionStrains, Solution
+from .tensions import pulled, tensions_of
 
 _ACCEPTED_RESIDUAL = 1e-7
 _SINGULAR = 1e5  # norm of the inverse of the clamp's Jacobian from which the arm counts as standing at a limit point
@@ -96,19 +97,21 @@ def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solu
         rod = rod_of(params)
         points = _points(rod, method, at)
         if method.is_multiple:
+            rod = pulled(rod, pose.tensions)
             shot, error = shoot_between(rod, pose, method, points)
         else:
-            shot = shoot(rod, pose, method, points)
+            rod, tip_pose = split(rod, pose)
+            shot = shoot(rod, tip_pose, method, points)
             error = base_error(rod, shot)
         fields, margin = _fields(rod, shot, points)
         steps, finished = shot.progress.steps.astype(float), shot.progress.finished.astype(float)
-        return error, (fields, margin, error, steps, finished)
+        return error, (fields, tensions_of(rod, shot.base.shortenings), margin, error, steps, finished)
 
     if method.is_multiple:
         found, total = find_nodes(scene, method), partial(multiple.total_rates, rod_of, method)
     else:
         found, total = find_tip_pose(scene, method), equilibrium.total_rates
-    fields, margin, error, steps, finished = at_root(at_pose, total, found.pose, params)
+    fields, tensions, margin, error, steps, finished = at_root(at_pose, total, found.pose, params)
     residual = jnp.max(jnp.abs(error))
     condition, inverse = condition_number(found.jacobian)
     outcome = Outcome.where(residual < _ACCEPTED_RESIDUAL, Outcome.converged, Outcome.ill_conditioned)
@@ -119,7 +122,9 @@ def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solu
     failed_at = jnp.where(found.outcome == Outcome.converged, fields.s[jnp.argmin(margin)], found.stopped_at)
     stopped = (outcome == Outcome.volume_constraint_folded) | (outcome == Outcome.integration_failed)
     failed_at = lax.stop_gradient(jnp.where(stopped, failed_at, jnp.nan))
-    fields = jax.tree.map(lambda field: jnp.where(outcome == Outcome.converged, field, jnp.nan), fields)
+    fields, tensions = jax.tree.map(
+        lambda value: jnp.where(outcome == Outcome.converged, value, jnp.nan), (fields, tensions)
+    )
     tip = jax.tree.map(lambda field: field[-1], fields)
     if at is not None:
         fields = jax.tree.map(lambda field: field[:-1], fields)
@@ -134,6 +139,7 @@ def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solu
         steps=steps.astype(int),
         load_fraction=found.load_fraction,
         failed_at=failed_at,
+        tensions=tensions,
     )
 
 

@@ -50,7 +50,7 @@ def actuate(
     """Voltage to temperature, tension and contraction of every TCAM, and the arm's equilibrium at each of `times` [s].
 
     The muscles start at t = 0 at ambient temperature; `times` ascend from there. A TCAM pulls with C_T T (paper, Eq.
-    CableTensionTCAMs), other muscles with their own tension; the arm follows quasi-statically, all instants in one
+    CableTensionTCAMs), other muscles as the scene says; the arm follows quasi-statically, all instants in one
     compiled batch. The temperature does not depend on the arm. The contraction is that of the muscle on its own, under
     its hanging mass. `method` is a `Shooting`; `stepping` is by default chosen by `TimeStepping.suited_to` for each
     muscle.
@@ -71,9 +71,9 @@ def actuate(
 
 
 def with_tensions(scene: Scene, tensions: dict[int, Any]) -> Scene:
-    """`scene` with these tensions [N] in place of the TCAMs that make them, by the number of the muscle."""
+    """`scene` with these tensions [N], by the number of the muscle, in place of what makes them."""
     muscles = [
-        dataclasses.replace(muscle, tension=tensions[i], tcam=None) if i in tensions else muscle
+        dataclasses.replace(muscle, tension=tensions[i], tcam=None, contraction=None) if i in tensions else muscle
         for i, muscle in enumerate(scene.muscles)
     ]
     return dataclasses.replace(scene, muscles=tuple(muscles))
