@@ -40,14 +40,24 @@ from .solver import (  # noqa: E402
     solve,
     tcam_response,
 )
-from .study import Actuation, Sweep, actuate, sweep  # noqa: E402
+from .study import (  # noqa: E402
+    Actuation,
+    Reach,
+    ReachOutcome,
+    Sweep,
+    Workspace,
+    actuate,
+    reach,
+    sweep,
+    workspace,
+)
 
 __version__ = importlib.metadata.version("cosserat_jax")
 
 __all__ = [
-    "TCAM", "Actuation", "Arm", "Gravity", "LinearConductance", "Muscle", "Outcome", "Pulses", "Response",
-    "ResponseOutcome", "Sampled", "Scene", "SceneError", "SectionStiffness", "Shooting", "Sinusoid", "Solution",
-    "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping", "Tip", "VoltageFunction", "Water", "actuate", "dumps",
-    "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets", "replace", "solve", "sweep",
-    "tcam_response",
+    "TCAM", "Actuation", "Arm", "Gravity", "LinearConductance", "Muscle", "Outcome", "Pulses", "Reach", "ReachOutcome",
+    "Response", "ResponseOutcome", "Sampled", "Scene", "SceneError", "SectionStiffness", "Shooting", "Sinusoid",
+    "Solution", "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping", "Tip", "VoltageFunction", "Water",
+    "Workspace", "actuate", "dumps", "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets",
+    "reach", "replace", "solve", "sweep", "tcam_response", "workspace",
 ]  # fmt: skip

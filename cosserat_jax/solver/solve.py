@@ -82,7 +82,7 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
 
     def at_pose(pose: Any, params: list) -> tuple[Array, tuple]:
         rod = rod_of(params)
-        points = jnp.linspace(0.0, rod.arm.length, method.points)
+        points = jnp.asarray(method.places) * rod.arm.length
         if method.is_multiple:
             shot, error = shoot_between(rod, pose, method, points)
         else:
