@@ -1,4 +1,4 @@
-"""The command line: `cosserat-jax scenes`, `solve`, `sweep` and `actuate`.
+"""The command line: `cosserat-jax scenes`, `solve`, `sweep`, `actuate` and `reach`.
 
 Exit status: 0; 1 if a rod has no solution; 2 for bad input, with one line on stderr; 130 if stopped from the keyboard.
 """
@@ -16,6 +16,7 @@ from ..scene import SceneError, presets, read
 from ..scene.paths import nearest
 from .actuate import actuate_command
 from .common import Stopped, say
+from .reach import reach_command
 from .solve import solve_command
 from .sweep import sweep_command
 
@@ -74,6 +75,7 @@ def _commands() -> None:
       cosserat-jax solve octopus --set "muscles.0.tension=15 N"
       cosserat-jax sweep octopus --out octopus.nc --plot octopus.png
       cosserat-jax actuate octopus-tcam --until "6.5 s" --plot octopus.gif
+      cosserat-jax reach two-segments --target "35, 5 cm" --free muscles.0.tension muscles.1.tension muscles.2.tension
     """
 
 
@@ -90,5 +92,5 @@ def _scenes() -> None:
         click.echo(f"{name:{width}}  {read(name).title}")
 
 
-for _command in (solve_command, sweep_command, actuate_command):
+for _command in (solve_command, sweep_command, actuate_command, reach_command):
     _commands.add_command(_command)

@@ -9,7 +9,8 @@ the last step, so that the search never leaves the narrow valley of phi in which
 
 Steps are Newton's, with H = J^T J + sum e_i d2 e_i + eps b^2. The second term is what decides along directions in which
 a redundant arm can move without moving its tip, and everywhere for a target out of reach, where Gauss-Newton without it
-can fail to converge. It comes from differences of the exact J, whose n further images are computed in the same batch.
+can fail to converge. It comes from differences of the exact J, whose n further images are computed in the same batch;
+where there are no more unknowns than errors, only once a step of Gauss-Newton has not halved the distance.
 Bounds are active where u stands at one and the gradient pushes outward (Bertsekas 1982, Projected Newton methods); what
 a step would push through a bound is stopped there and the rest of the step computed anew. A trust region bounds the
 step along each eigenvector of H, where H is negative it is taken by its absolute value (Dauphin et al. 2014).
@@ -65,6 +66,7 @@ class Effort(NamedTuple):
 class Search:
     """Where each search stands, or ended: at `u`, with this error, Jacobian and curvature sum e_i d2 e_i.
 
+    `curved`: whether the curvature is computed from here on; it is zero where it was not.
     `settled`: it ended where phi is least. `lost`: its last trial had no image, so it may have ended at the edge of
     what has one.
     """
@@ -76,6 +78,7 @@ class Search:
     curvature: Float[np.ndarray, "searches n n"]
     eps: Float[np.ndarray, " searches"]
     radius: Float[np.ndarray, " searches"]
+    curved: Bool[np.ndarray, " searches"]
     settled: Bool[np.ndarray, " searches"]
     lost: Bool[np.ndarray, " searches"]
     iterations: Int[np.ndarray, " searches"]
@@ -114,10 +117,11 @@ def closest(
 
 def _begin(imaging: Imaging, target: np.ndarray, start: np.ndarray) -> Search:
     count = len(target)
-    error, jacobian, curvature, _ = _with_curvature(imaging, start, target)
+    curved = np.full(count, start.shape[1] > target.shape[1])
+    error, jacobian, curvature, _ = _with_curvature(imaging, start, target, curved)
     return Search(
         target, start.copy(), error, jacobian, curvature, np.full(count, _FIRST_EPS), np.full(count, _FIRST_RADIUS),
-        np.zeros(count, bool), np.zeros(count, bool), np.zeros(count, int),
+        curved, np.zeros(count, bool), np.zeros(count, bool), np.zeros(count, int),
     )  # fmt: skip
 
 
@@ -153,7 +157,7 @@ def _try(
 ) -> None:
     """Takes the steps that lower phi, and widens or narrows the trust region by what came of what was promised."""
     u = np.clip(search.u[rows] + step, 0.0, 1.0)
-    error, jacobian, curvature, exists = _with_curvature(imaging, u, search.target[rows])
+    error, jacobian, curvature, exists = _with_curvature(imaging, u, search.target[rows], search.curved[rows])
     size, eps = np.abs(step).max(axis=-1), search.eps[rows]
     before = 0.5 * (search.distance[rows] ** 2 + eps * effort.of(search.u[rows]))
     after = np.where(exists, 0.5 * (np.sum(error**2, axis=-1) + eps * effort.of(u)), np.inf)
@@ -163,7 +167,9 @@ def _try(
     poor = gained < 0.25 * promised - noise
     radius = np.where(good, np.maximum(search.radius[rows], np.minimum(2 * size, 1.0)), search.radius[rows])
     radius = np.where(poor, 0.5 * size, radius)
+    slow = ~(np.linalg.norm(error, axis=-1) < 0.5 * search.distance[rows])
     search.take(rows, radius=np.where(taken, radius, 0.25 * size), lost=~exists, iterations=search.iterations[rows] + 1)
+    search.take(rows, curved=search.curved[rows] | slow)
     search.take(
         rows[taken], u=u[taken], error=error[taken], jacobian=jacobian[taken], curvature=curvature[taken]
     )  # fmt: skip
@@ -197,20 +203,21 @@ def _free_step(pull: np.ndarray, hessian: np.ndarray, free: np.ndarray, radius: 
 
 
 def _with_curvature(
-    imaging: Imaging, u: np.ndarray, target: np.ndarray
+    imaging: Imaging, u: np.ndarray, target: np.ndarray, curved: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """e, J, sum e_i d2 e_i and whether there is an image; second derivatives where there is none near by are zero."""
+    """e, J, sum e_i d2 e_i where `curved` and near by is an image, else zero, and whether there is an image at all."""
     count, n = u.shape
-    sign = np.where(u < 0.5, _DIFFERENCE, -_DIFFERENCE)
-    beside = u[:, None, :] + sign[:, :, None] * np.eye(n)
-    r, jacobian, exists = imaging(np.concatenate([u[:, None], beside], axis=1).reshape(-1, n))
-    r, jacobian = r.reshape(count, n + 1, -1), jacobian.reshape(count, n + 1, -1, n)
-    exists = exists.reshape(count, n + 1)
-    error = r[:, 0] - target
-    change = (jacobian[:, 1:] - jacobian[:, :1]) / sign[:, :, None, None]
-    curvature = np.einsum("kimj,km->kij", change, error)
-    curvature = np.where(exists[:, 1:, None] & exists[:, None, 1:], curvature, 0.0)
-    return error, jacobian[:, 0], 0.5 * (curvature + np.swapaxes(curvature, 1, 2)), exists[:, 0]
+    sign = np.where(u[curved] < 0.5, _DIFFERENCE, -_DIFFERENCE)
+    beside = u[curved][:, None, :] + sign[:, :, None] * np.eye(n)
+    r, jacobian, exists = imaging(np.concatenate([u, beside.reshape(-1, n)]))
+    error = r[:count] - target
+    change = jacobian[count:].reshape(-1, n, *jacobian.shape[1:]) - jacobian[:count][curved][:, None]
+    there = exists[count:].reshape(-1, n)
+    second = np.einsum("kimj,km->kij", change / sign[:, :, None, None], error[curved])
+    second = np.where(there[:, None] & there[:, :, None], second, 0.0)
+    curvature = np.zeros((count, n, n))
+    curvature[curved] = 0.5 * (second + np.swapaxes(second, 1, 2))
+    return error, jacobian[:count], curvature, exists[:count]
 
 
 def _polish(imaging: Imaging, search: Search) -> None:

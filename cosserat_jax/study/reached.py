@@ -1,6 +1,8 @@
 """What `reach` gives back."""
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,6 +14,10 @@ from ..solver import Solution
 from .controls import steady_with
 from .free import Free
 from .workspace import Workspace
+
+_PER_TARGET = (
+    "target", "values", "unknowns", "points", "solution", "outcome", "distance", "effort", "iterations", "starts",
+)  # fmt: skip
 
 
 class ReachOutcome(eqx.Enumeration):
@@ -69,9 +75,15 @@ class Reach:
     @property
     def first(self) -> "Reach":
         """That of the first target alone, without the axis over the targets."""
-        kept = ("values", "unknowns", "points", "solution", "outcome", "distance", "effort", "iterations", "starts")
-        parts = {name: jax.tree.map(lambda leaf: np.asarray(leaf[0]), getattr(self, name)) for name in kept}
-        return dataclasses.replace(self, **parts)
+        return self._changed(lambda leaf: np.asarray(leaf[0]), _PER_TARGET[1:])
+
+    @property
+    def as_batch(self) -> "Reach":
+        """That of one target with an axis over the targets."""
+        return self._changed(lambda leaf: np.asarray(leaf)[None], _PER_TARGET)
+
+    def _changed(self, change: Callable[[Any], np.ndarray], names: tuple[str, ...]) -> "Reach":
+        return dataclasses.replace(self, **{name: jax.tree.map(change, getattr(self, name)) for name in names})
 
     @property
     def reached(self) -> Bool[np.ndarray, "..."]:
