@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -134,7 +133,7 @@ def _draw_values(axes: Axes, found: "Reach", chosen: Sequence[int]) -> None:
     axes.set(ylim=(0, 105), xlim=(-0.6, len(labels) - 0.4), ylabel="of its range [%]")
 
 
-def _share(one: Any, value: float) -> Float[np.ndarray, ""] | float:
+def _share(one: Any, value: float) -> float:
     return 100 * (value - one.lower) / (one.upper - one.lower)
 
 

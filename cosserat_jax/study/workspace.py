@@ -115,11 +115,10 @@ class Arms:
 
     def images(self, u: Float[np.ndarray, "rods n"]) -> Images:
         """The points in lengths of the arm, one after the other, and their rates by u."""
-        points, rates, converged, _ = self._solved(u)
-        rates = rates * self.width / self.length
-        return Images(
-            points.reshape(len(u), -1) / self.length, rates.reshape(len(u), -1, len(self.controls)), converged
-        )
+        points, rates, solution = self._solved(u)
+        r = points[:, self.places].reshape(len(u), -1) / self.length
+        jacobian = rates[:, self.places].reshape(*r.shape, -1) * self.width / self.length
+        return Images(r, jacobian, np.asarray(solution.converged))
 
     def solutions(self, u: Float[np.ndarray, "rods n"]) -> Solution:
         """The equilibria, as NumPy arrays."""
@@ -137,24 +136,23 @@ class Arms:
         parts = []
         for start in range(0, count, _BATCH):
             rows = np.minimum(np.arange(start, start + _BATCH), count - 1)  # a short batch is filled with its last rod
-            parts.append(_solve_batch(scene, paths, jnp.asarray(unknowns[rows]), self.places, self.method))
+            parts.append(_solve_batch(scene, paths, jnp.asarray(unknowns[rows]), self.method))
         return jax.tree.map(lambda *some: np.concatenate([np.asarray(one) for one in some])[:count], *parts)
 
 
 @eqx.filter_jit
 def _solve_batch(
-    scene: Scene, paths: tuple[str, ...], values: Float[Array, "rods n"], places: tuple[int, ...], method: Shooting
-) -> tuple[Float[Array, "rods at 2"], Float[Array, "rods at 2 n"], Bool[Array, " rods"], Solution]:
-    """Points [m] of the arms, their rates by the values at `paths`, whether there is an equilibrium, and all of it."""
+    scene: Scene, paths: tuple[str, ...], values: Float[Array, "rods n"], method: Shooting
+) -> tuple[Float[Array, "rods points 2"], Float[Array, "rods points 2 n"], Solution]:
+    """All points [m] of the arms, their rates by the values at `paths`, and the equilibria."""
 
     def points(values: Array) -> tuple[Array, tuple[Array, Solution]]:
         solution = solve(replace(scene, dict(zip(paths, list(values), strict=True))), method, throw=False)
-        chosen = np.array(places)
-        found = jnp.stack([solution.fields.x[chosen], solution.fields.y[chosen]], axis=-1)
+        found = jnp.stack([solution.fields.x, solution.fields.y], axis=-1)
         return found, (found, solution)
 
     rates, (found, solution) = jax.vmap(jax.jacfwd(points, has_aux=True))(values)
-    return found, rates, solution.converged, solution
+    return found, rates, solution
 
 
 def grid(n: int, count: int) -> tuple[Float[np.ndarray, "rods n"], tuple[int, ...] | None]:
