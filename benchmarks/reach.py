@@ -22,7 +22,8 @@ from scipy.optimize import least_squares, minimize
 from timing import line, machine, options, seconds, table, timed
 
 from cosserat_jax import Reach, Scene, Shooting, load, reach, replace, solve
-from cosserat_jax.study.workspace import Arms, grid
+from cosserat_jax.study.starts import grid
+from cosserat_jax.study.workspace import Arms
 
 CLAIM = """\
 Claim: of 200 random targets within reach all are reached to 1e-8 m, of targets out of reach none, for two and three
@@ -119,8 +120,8 @@ def _slsqp(arms: Arms, found: Reach, i: int) -> tuple[float, float, float]:
     constraint = {"type": "eq", "fun": lambda u: kept.at(u)[0], "jac": lambda u: kept.at(u)[1]}
     ended, spent = timed(
         lambda: minimize(
-            lambda u: u @ u, kept.start, jac=lambda u: 2 * u, method="SLSQP", bounds=[(0, 1)] * n, constraints=constraint,
-            options={"ftol": 1e-12, "maxiter": 200},
+            lambda u: u @ u, kept.start, jac=lambda u: 2 * u, method="SLSQP", bounds=[(0, 1)] * n,
+            constraints=constraint, options={"ftol": 1e-12, "maxiter": 200},
         ).x
     )  # fmt: skip
     return spent, float(np.linalg.norm(kept.at(ended)[0])) * arms.length, float(ended @ ended)

@@ -27,7 +27,8 @@ from cosserat_jax import (
     workspace,
 )
 from cosserat_jax.study.controls import controls_of, default_limit, holding_voltage
-from cosserat_jax.study.workspace import Arms, grid
+from cosserat_jax.study.starts import grid
+from cosserat_jax.study.workspace import Arms
 
 UPPER = Muscle(base_offset=0.012, end_offset=0.001, tension=1.0)
 LOWER = dataclasses.replace(UPPER, side=-1)

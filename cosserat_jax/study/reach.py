@@ -9,14 +9,13 @@ from jax.typing import ArrayLike
 
 from ..scene import Scene, SceneError
 from ..solver import Shooting, outcome_codes
-from .closest import Effort, Images, Search, closest
+from .closest import Effort, Search, closest
 from .reached import Reach, ReachOutcome
-from .workspace import Arms, Workspace, grid
+from .starts import best_of, grid, starts
+from .workspace import Arms, Workspace
 
 _REACHED = 1e-9  # lengths
 _GRID = 256  # rods from which searches start
-_STARTS = 4  # searches for one target, at most
-_START_EFFORT = 1e-3  # what effort counts beside the squared distance, in the choice of starts
 
 
 def reach(
@@ -52,9 +51,9 @@ def reach(
     targets, given = _targets(target, arms)
     box, shape = grid(len(arms.controls), _GRID)
     known, effort = arms.images(box), _effort(arms)
-    owner, starts = _starts(targets, box, shape, known, effort)
-    search = closest(arms.images, targets[owner], starts, effort)
-    best = _best(search, owner, len(targets), effort)
+    owner, places = starts(targets, box, shape, known, effort)
+    search = closest(arms.images, targets[owner], places, effort)
+    best = best_of(search, owner, len(targets), effort, _reached(search))
     count = np.bincount(owner, minlength=len(targets))
     return _result(arms, given, search, best, count, arms.workspace(box, shape, known))
 
@@ -79,41 +78,6 @@ def _targets(target: ArrayLike, arms: Arms) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(given).all():
         raise SceneError(f"target: {given[~np.isfinite(given)][0]:g} is not allowed; allowed: finite numbers in m")
     return given.reshape(-1, 2 * arms.at.size) / arms.length, given
-
-
-def _starts(
-    targets: np.ndarray, box: np.ndarray, shape: tuple[int, ...] | None, known: Images, effort: Effort
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where the searches start: of which target each is, and its place in the box.
-
-    For each target the best of the places at which squared distance and a little effort together are less than at all
-    neighbours.
-    """
-    n = box.shape[1]
-    near = 1.01 / (shape[0] - 1) if shape is not None else len(box) ** (-1 / n)
-    neighbours = (np.abs(box[:, None] - box[None]) <= near).all(axis=-1)
-    owner, places = [], []
-    for i, target in enumerate(targets):
-        score = np.sum((known.r - target) ** 2, axis=-1) + _START_EFFORT * effort.of(box)
-        score = np.where(known.exists, score, np.inf)
-        lowest = np.where(neighbours, score, np.inf).min(axis=1)
-        minima = np.flatnonzero(known.exists & (score <= lowest))
-        chosen = minima[np.argsort(score[minima], kind="stable")][:_STARTS]
-        owner += [i] * len(chosen)
-        places.append(box[chosen])
-    return np.array(owner, int), np.concatenate(places)
-
-
-def _best(search: Search, owner: np.ndarray, targets: int, effort: Effort) -> np.ndarray:
-    """For each target the search that reached it with least effort, or else came closest; -1 if there was none."""
-    spent = effort.of(search.u)
-    best = np.full(targets, -1)
-    for i in range(targets):
-        mine = np.flatnonzero(owner == i)
-        if mine.size:
-            there = search.distance[mine] <= _reached(search)
-            best[i] = mine[np.argmin(np.where(there, spent[mine], 1e6 + search.distance[mine]))]
-    return best
 
 
 def _reached(search: Search) -> float:

@@ -1,7 +1,6 @@
 """`workspace`: where a point of the arm can be brought, from a grid of what may change; and the arms behind `reach`."""
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -18,6 +17,7 @@ from ..solver import Shooting, Solution, solve
 from .closest import Images
 from .controls import Control, check_driven, controls_of, steady_with
 from .free import Free
+from .starts import grid
 
 _BATCH = 64  # rods at a time: one compiled program serves a single target and thousands of rods
 
@@ -115,6 +115,9 @@ class Arms:
 
     def images(self, u: Float[np.ndarray, "rods n"]) -> Images:
         """The points in lengths of the arm, one after the other, and their rates by u."""
+        if len(u) == 0:
+            m = 2 * self.at.size
+            return Images(np.zeros((0, m)), np.zeros((0, m, len(self.controls))), np.zeros(0, bool))
         points, rates, solution = self._solved(u)
         r = points[:, self.places].reshape(len(u), -1) / self.length
         jacobian = rates[:, self.places].reshape(*r.shape, -1) * self.width / self.length
@@ -153,20 +156,6 @@ def _solve_batch(
 
     rates, (found, solution) = jax.vmap(jax.jacfwd(points, has_aux=True))(values)
     return found, rates, solution
-
-
-def grid(n: int, count: int) -> tuple[Float[np.ndarray, "rods n"], tuple[int, ...] | None]:
-    """At most `count` places of the box [0, 1]^n: a grid with its corners, or where it would be too coarse the
-    additive recurrence of Roberts (2018), "The unreasonable effectiveness of quasirandom sequences"."""
-    per_axis = math.floor(count ** (1 / n) * (1 + 1e-12))
-    if per_axis >= 3:
-        axes = [np.linspace(0.0, 1.0, per_axis)] * n
-        mesh = np.meshgrid(*axes, indexing="ij")
-        return np.stack([axis.ravel() for axis in mesh], axis=-1), (per_axis,) * n
-    ratio = 2.0
-    for _ in range(50):
-        ratio = (1 + ratio) ** (1 / (n + 1))  # the root of x^(n + 1) = x + 1
-    return (0.5 + np.arange(1, count + 1)[:, None] * ratio ** -np.arange(1.0, n + 1)) % 1.0, None
 
 
 def _arc_lengths(scene: Scene, at: ArrayLike | None) -> np.ndarray:
