@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-_FIRST_EPS, _LAST_EPS = 1e-3, 1e-8
+FIRST_EPS, LAST_EPS = 1e-3, 1e-8
 _DIFFERENCE = 1e-4  # of the box, between the two J of a second derivative
 _FIRST_RADIUS, _LAST_RADIUS = 0.25, 1e-9  # of the trust region, in parts of the box
 _STEP = 1e-8  # of the box: the search ends before a step that is shorter
@@ -83,6 +83,11 @@ class Search:
     lost: Bool[np.ndarray, " searches"]
     iterations: Int[np.ndarray, " searches"]
 
+    def and_also(self, other: "Search") -> "Search":
+        """These searches, then the others."""
+        pairs = {one.name: (getattr(self, one.name), getattr(other, one.name)) for one in dataclasses.fields(self)}
+        return Search(**{name: np.concatenate(pair) for name, pair in pairs.items()})
+
     @property
     def exhausted(self) -> Bool[np.ndarray, " searches"]:
         """Which used up their iterations."""
@@ -100,10 +105,17 @@ class Search:
 
 
 def closest(
-    imaging: Imaging, target: Float[np.ndarray, "searches m"], start: Float[np.ndarray, "searches n"], effort: Effort
+    imaging: Imaging,
+    target: Float[np.ndarray, "searches m"],
+    start: Float[np.ndarray, "searches n"],
+    effort: Effort,
+    eps: float = FIRST_EPS,
 ) -> Search:
-    """Searches for each `target` from its `start`, which must have an image, all side by side."""
-    search = _begin(imaging, target, start)
+    """Searches for each `target` from its `start`, which must have an image, all side by side.
+
+    `eps` is the first one; with a small one a search does not leave the start for one of less effort.
+    """
+    search = _begin(imaging, target, start, eps)
     for _ in range(_ITERATIONS):
         rows = np.flatnonzero(~search.settled & (search.radius > _LAST_RADIUS))
         steps, promised = _next_steps(search, rows, effort)
@@ -115,12 +127,12 @@ def closest(
     return search
 
 
-def _begin(imaging: Imaging, target: np.ndarray, start: np.ndarray) -> Search:
+def _begin(imaging: Imaging, target: np.ndarray, start: np.ndarray, eps: float) -> Search:
     count = len(target)
     curved = np.full(count, start.shape[1] > target.shape[1])
     error, jacobian, curvature, _ = _with_curvature(imaging, start, target, curved)
     return Search(
-        target, start.copy(), error, jacobian, curvature, np.full(count, _FIRST_EPS), np.full(count, _FIRST_RADIUS),
+        target, start.copy(), error, jacobian, curvature, np.full(count, eps), np.full(count, _FIRST_RADIUS),
         curved, np.zeros(count, bool), np.zeros(count, bool), np.zeros(count, int),
     )  # fmt: skip
 
@@ -132,13 +144,13 @@ def _next_steps(search: Search, rows: np.ndarray, effort: Effort) -> tuple[np.nd
     """
     while True:
         gradient, hessian = _model(search, rows, effort)
-        step = _newton_step(search.u[rows], gradient, hessian, search.radius[rows])
+        step = newton_step(search.u[rows], gradient, hessian, search.radius[rows])
         size = np.abs(step).max(axis=-1, initial=0.0)
         eps = search.eps[rows]
-        lower = (size**2 < eps) & (eps > _LAST_EPS) & (size < search.radius[rows])
+        lower = (size**2 < eps) & (eps > LAST_EPS) & (size < search.radius[rows])
         if not lower.any():
             break
-        search.eps[rows] = np.where(lower, np.maximum(_LAST_EPS, np.minimum(size**2, 0.01 * eps)), eps)
+        search.eps[rows] = np.where(lower, np.maximum(LAST_EPS, np.minimum(size**2, 0.01 * eps)), eps)
     search.settled[rows] = size < _STEP
     promised = -np.einsum("ki,ki->k", gradient, step) - 0.5 * np.einsum("ki,kij,kj->k", step, hessian, step)
     return step, promised
@@ -175,8 +187,8 @@ def _try(
     )  # fmt: skip
 
 
-def _newton_step(u: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """The step of each search that minimises its model inside the box and the trust region, nearly."""
+def newton_step(u: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The step from each u that minimises its model inside the box and the trust region, nearly."""
     bound = ((u <= 0) & (gradient > 0)) | ((u >= 1) & (gradient < 0))
     step = np.zeros_like(u)
     for _ in range(u.shape[-1]):

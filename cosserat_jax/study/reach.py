@@ -9,9 +9,9 @@ from jax.typing import ArrayLike
 
 from ..scene import Scene, SceneError
 from ..solver import Shooting, outcome_codes
-from .closest import Effort, Search, closest
+from .closest import LAST_EPS, Effort, Search, closest
 from .reached import Reach, ReachOutcome
-from .starts import best_of, grid, starts
+from .starts import best_of, grid, starts, starts_along_valleys
 from .workspace import Arms, Workspace
 
 _REACHED = 1e-9  # lengths
@@ -54,6 +54,12 @@ def reach(
     owner, places = starts(targets, box, shape, known, effort)
     search = closest(arms.images, targets[owner], places, effort)
     best = best_of(search, owner, len(targets), effort, _reached(search))
+    missed = np.flatnonzero((best < 0) | (search.distance[best] > _reached(search))) if owner.size else np.zeros(0, int)
+    again, places = starts_along_valleys(targets[missed], box, shape, known)
+    if again.size:
+        search = search.and_also(closest(arms.images, targets[missed[again]], places, effort, LAST_EPS))
+        owner = np.concatenate([owner, missed[again]])
+        best = best_of(search, owner, len(targets), effort, _reached(search))
     count = np.bincount(owner, minlength=len(targets))
     return _result(arms, given, search, best, count, arms.workspace(box, shape, known))
 

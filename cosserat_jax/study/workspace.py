@@ -19,7 +19,7 @@ from .controls import Control, check_driven, controls_of, steady_with
 from .free import Free
 from .starts import grid
 
-_BATCH = 64  # rods at a time: one compiled program serves a single target and thousands of rods
+_BATCH = 32  # rods at a time: one compiled program serves a single target and thousands of rods
 
 
 @dataclasses.dataclass(frozen=True)
