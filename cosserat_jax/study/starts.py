@@ -5,9 +5,9 @@ another: each place that is better than all its neighbours is a start. On an arm
 images alone misses 2 of 200 targets; all such places together miss none.
 
 Two muscles against each other make a workspace so thin that this is not enough: pulled harder together they move the
-tip by less than a hundredth of what either does alone. The images that come within a step of a target lie along a valley
-across the box, and a search that lets effort decide first slides down to its end. So a target that was missed, but has
-such a valley, is searched for once more, from places all along it.
+tip by less than a hundredth of what either does alone. The images that come within a step of a target lie along a
+valley across the box, and a search that lets effort decide first slides down to its end. So a target that was missed,
+but has such a valley, is searched for once more, from places all along it.
 """
 
 import math
