@@ -4,8 +4,12 @@ All arms with three muscles share one compiled program, those with a TCAM anothe
 """
 
 import dataclasses
+import importlib
+import json
 from typing import Any
 
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, minimize
@@ -15,6 +19,7 @@ from cosserat_jax import (
     Arm,
     LinearConductance,
     Muscle,
+    Outcome,
     Reach,
     ReachOutcome,
     Scene,
@@ -23,9 +28,12 @@ from cosserat_jax import (
     load,
     reach,
     solve,
+    sweep,
     tcam_response,
     workspace,
 )
+from cosserat_jax.report.reach import reach_figure
+from cosserat_jax.report.reach_text import reach_json
 from cosserat_jax.study.controls import controls_of, default_limit, holding_voltage
 from cosserat_jax.study.starts import grid
 from cosserat_jax.study.workspace import Arms
@@ -153,6 +161,35 @@ def test_fields_are_held_at_places_asked_for() -> None:
     many = solve(load("elastica"), Shooting(points=1001)).fields
     np.testing.assert_allclose(few.s, places)
     np.testing.assert_allclose(few.y[1:3], many.y[np.array([123, 700])], atol=1e-9)
+
+
+def test_datasets_hold_the_places_asked_for() -> None:
+    places = (0.0, 0.123, 0.7, 1.0)
+    swept = sweep(load("elastica"), {"tip.force.1": [1.0, 2.0]}, Shooting(points=places))
+    np.testing.assert_allclose(swept.to_xarray()["s"], places)
+
+
+def test_where_no_arm_has_an_equilibrium_the_outcome_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = importlib.import_module("cosserat_jax.study.workspace")
+    solve_batch = module._solve_batch
+
+    def lost(*arguments: Any) -> Any:
+        points, rates, solution = jax.tree.map(np.asarray, solve_batch(*arguments))
+        codes = np.full(len(points), int(Outcome.limit_point._value))
+        fields = jax.tree.map(lambda field: np.full_like(field, np.nan), solution.fields)
+        solution = eqx.tree_at(lambda s: (s.outcome._value, s.fields), solution, (codes, fields))
+        return np.full_like(points, np.nan), np.full_like(rates, np.nan), solution
+
+    monkeypatch.setattr(module, "_solve_batch", lost)
+    found = reach(THREE, [[0.3, 0.1], [0.2, 0.2]], FREE)
+    assert (found.outcome == ReachOutcome.no_equilibrium).all()
+    assert not found.reached.any()
+    assert np.isnan(found.distance).all()
+    assert np.isnan(found.values["muscles.0.tension"]).all()
+    assert found.message_of(0).startswith("nowhere was an equilibrium found")
+    first, second = (json.loads(line) for line in reach_json("arm", found))
+    assert (first["distance"], second["effort"], second["parameters"]["muscles.0.tension"]["value"]) == (None,) * 3
+    assert len(reach_figure(found).axes) == 2
 
 
 # --- the workspace
