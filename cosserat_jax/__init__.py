@@ -40,14 +40,29 @@ from .solver import (  # noqa: E402
     solve,
     tcam_response,
 )
-from .study import Actuation, Calibration, Measurements, Sweep, actuate, fit, read_measurements, sweep  # noqa: E402
+from .study import (  # noqa: E402
+    Actuation,
+    Calibration,
+    Measurements,
+    Reach,
+    ReachOutcome,
+    Sweep,
+    Workspace,
+    actuate,
+    fit,
+    reach,
+    read_measurements,
+    sweep,
+    workspace,
+)
 
 __version__ = importlib.metadata.version("cosserat_jax")
 
 __all__ = [
     "TCAM", "Actuation", "Arm", "Calibration", "Gravity", "LinearConductance", "Measurements", "Muscle", "Outcome",
-    "Pulses", "Response", "ResponseOutcome", "Sampled", "Scene", "SceneError", "SectionStiffness", "Shooting",
-    "Sinusoid", "Solution", "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping", "Tip", "VoltageFunction",
-    "Water", "actuate", "dumps", "fit", "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets",
-    "read_measurements", "replace", "solve", "sweep", "tcam_response",
+    "Pulses", "Reach", "ReachOutcome", "Response", "ResponseOutcome", "Sampled", "Scene", "SceneError",
+    "SectionStiffness", "Shooting", "Sinusoid", "Solution", "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping",
+    "Tip", "VoltageFunction", "Water", "Workspace", "actuate", "dumps", "fit", "gain_from_formulas",
+    "gain_from_measurement", "load", "parameters", "presets", "reach", "read_measurements", "replace", "solve", "sweep",
+    "tcam_response", "workspace",
 ]  # fmt: skip

@@ -52,7 +52,9 @@ def test_scenes_lists_every_preset_with_its_title(run: Run) -> None:
     assert all(read(name).title in line for name, line in zip(presets(), ran.out.splitlines(), strict=True))
 
 
-@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in ("scenes", "solve", "sweep", "actuate"))])
+@pytest.mark.parametrize(
+    "words", [["--help"], *([name, "--help"] for name in ("scenes", "solve", "sweep", "actuate", "reach"))]
+)
 def test_help_shows_examples_at_every_level(run: Run, words: list[str]) -> None:
     ran = run(*words)
     assert (ran.status, ran.err) == (0, "")

@@ -1,7 +1,7 @@
 """What the commands share: options, scenes as the command's words change them, places of outputs, lines on stderr."""
 
 import contextlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 import click
@@ -75,14 +75,16 @@ def read_changed(name: str, changes: dict[str, str]) -> SceneFile:
         return file._replace(scene=replace(file.scene, changes))
 
 
-def free_bounds(scene: Scene, texts: tuple[str, ...]) -> dict[str, tuple[float, float] | None]:
-    """The paths of --free with their bounds in SI, or None for one without."""
+def free_bounds(
+    scene: Scene, texts: tuple[str, ...], unit: Callable[[Scene, str], str] = unit_of
+) -> dict[str, tuple[float, float] | None]:
+    """The paths of --free with their bounds in SI, the `unit` of the path, or None for one without."""
     found: dict[str, tuple[float, float] | None] = {}
     for text in texts:
         path, equals, bounds = (part.strip() for part in text.partition("="))
         if path in found:
             raise SceneError(f"--free {text!r}: {path} is given twice; allowed: once")
-        found[path] = bounds_to_si(bounds, unit_of(scene, path), f"--free {path}") if equals else None
+        found[path] = bounds_to_si(bounds, unit(scene, path), f"--free {path}") if equals else None
     return found
 
 

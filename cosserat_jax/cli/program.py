@@ -1,4 +1,4 @@
-"""The command line: `cosserat-jax scenes`, `solve`, `sweep`, `actuate` and `fit`.
+"""The command line: `cosserat-jax scenes`, `solve`, `sweep`, `actuate`, `fit` and `reach`.
 
 Exit status: 0; 1 if a rod has no solution; 2 for bad input, with one line on stderr; 130 if stopped from the keyboard.
 """
@@ -17,6 +17,7 @@ from ..scene.paths import nearest
 from .actuate import actuate_command
 from .common import Stopped, say
 from .fit import fit_command
+from .reach import reach_command
 from .solve import solve_command
 from .sweep import sweep_command
 
@@ -76,6 +77,7 @@ def _commands() -> None:
       cosserat-jax sweep octopus --out octopus.nc --plot octopus.png
       cosserat-jax actuate octopus-tcam --until "6.5 s" --plot octopus.gif
       cosserat-jax fit octopus tips.csv --free arm.youngs_modulus
+      cosserat-jax reach two-segments --target "35, 5 cm" --free muscles.0.tension muscles.1.tension muscles.2.tension
     """
 
 
@@ -92,5 +94,5 @@ def _scenes() -> None:
         click.echo(f"{name:{width}}  {read(name).title}")
 
 
-for _command in (solve_command, sweep_command, actuate_command, fit_command):
+for _command in (solve_command, sweep_command, actuate_command, fit_command, reach_command):
     _commands.add_command(_command)

@@ -8,7 +8,7 @@ import xarray
 
 from ..scene import unit_of
 from ..solver import ResponseOutcome
-from .variables import Variable, arc_length, outcome_variable, provenance, solution_variables, variable
+from .variables import Variable, arc_length, outcome_variable, places_of, provenance, solution_variables, variable
 
 if TYPE_CHECKING:
     from ..study import Actuation, Sweep
@@ -55,7 +55,7 @@ def actuation_dataset(actuation: "Actuation") -> xarray.Dataset:
     coords = {
         "time": variable(("time",), actuation.times, "s", "time since the voltage begins"),
         "muscle": variable(("muscle",), numbers, "1", _MUSCLE),
-        "s": arc_length(actuation.scene, solution.fields.s.shape[-1]),
+        "s": arc_length(actuation.scene, places_of(solution)),
     }
     data = _muscle_variables(actuation) | solution_variables(("time",), solution)
     return xarray.Dataset(data, coords, provenance("motion of a soft rod driven by TCAMs", actuation.scene))
@@ -85,7 +85,7 @@ def _swept_coordinate(swept: "Sweep", path: str) -> Variable:
 
 
 def _swept_arc_length(swept: "Sweep") -> Variable:
-    points = swept.solution.fields.s.shape[-1]
+    places = places_of(swept.solution)
     if "arm.length" in swept.over:
-        return variable(("s",), np.linspace(0, 1, points), "1", "undeformed arc length over the arm's")
-    return arc_length(swept.scene, points)
+        return variable(("s",), places, "1", "undeformed arc length over the arm's")
+    return arc_length(swept.scene, places)

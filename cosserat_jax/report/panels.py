@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.text import Text
 
@@ -54,11 +55,16 @@ class Frame(NamedTuple):
     y: tuple[float, float]
 
     @classmethod
-    def around(cls, rods: Sequence[Rod], width: float, tallest: float = TALL) -> "Frame":
-        """The frame that holds every one of these arms and leaves the upper left corner free, `width` inches wide."""
+    def around(
+        cls, rods: Sequence[Rod], width: float, tallest: float = TALL, also: Float[np.ndarray, "points 2"] | None = None
+    ) -> "Frame":
+        """The frame that holds every one of these arms and leaves the upper left corner free, `width` inches wide.
+
+        `also`: further points [m] that it is to hold.
+        """
         factor, unit = length_unit(max((float(rod.scene.arm.length) for rod in rods), default=1.0))
         arms = [extent(rod.scene, rod.fields) * factor for rod in rods] or [np.array([[0.0, 0.0], [1.0, 0.4]])]
-        points = np.concatenate(arms)
+        points = np.concatenate([*arms, np.zeros((0, 2)) if also is None else also * factor])
         low, high = points.min(axis=0), points.max(axis=0)
         inch = max((high[0] - low[0]) / width, (high[1] - low[1]) / tallest)
         below = points[points[:, 0] < low[0] + CORNER[0] * inch, 1].max()

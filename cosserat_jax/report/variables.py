@@ -88,9 +88,19 @@ def outcome_variable(dims: Dims, outcome: Any, kind: type[eqx.Enumeration], mean
     return where, values, attributes | flags
 
 
-def arc_length(scene: Scene, points: int) -> Variable:
-    """The coordinate `s` [m] of an arm of this length."""
-    return variable(("s",), np.linspace(0, float(scene.arm.length), points), "m", "undeformed arc length from the base")
+def arc_length(scene: Scene, places: np.ndarray) -> Variable:
+    """The coordinate `s` [m] at these places s / L of an arm of this length."""
+    return variable(("s",), places * float(scene.arm.length), "m", "undeformed arc length from the base")
+
+
+def places_of(solution: Solution) -> np.ndarray:
+    """The places s / L at which the fields are held, equally spaced or as a rod that has an equilibrium tells."""
+    s = np.asarray(solution.fields.s)
+    rods = s.reshape(-1, s.shape[-1])
+    held, equal = rods[np.isfinite(rods[:, -1])], np.linspace(0.0, 1.0, s.shape[-1])
+    if len(held) == 0 or np.allclose(held[0], equal * held[0, -1], rtol=0.0, atol=1e-12 * held[0, -1]):
+        return equal
+    return held[0] / held[0, -1]
 
 
 def provenance(title: str, scene: Scene) -> dict[str, str]:

@@ -4,6 +4,8 @@ import dataclasses
 
 import diffrax
 import equinox as eqx
+import numpy as np
+from jaxtyping import Float
 
 from ..physics.tcam import fastest_rate
 from ..scene import TCAM
@@ -34,7 +36,8 @@ class Shooting(eqx.Module):
     - `newton_tol`: Newton stops after a step below this, in radians and lengths; its own error is the square of that.
     - `max_iterations`: integrations, over all load steps, before the outcome is `iterations_exhausted`.
     - `min_load_step`: fraction of the load reached below which a load step is given up as standing before a limit.
-    - `points`: number of equally spaced points from s = 0 to L at which the solution holds its fields.
+    - `points`: at which points the solution holds its fields: a number of equally spaced ones from s = 0 to L, or a
+      tuple of their places s / L, ascending from 0 to 1.
 
     The default, Dopri8 (Prince & Dormand 1981) with adaptive steps at 1e-9, is chosen from error against run time
     (`benchmarks/error_vs_runtime.py`: four scenes, one rod and 64, ten kinds of steps). It leaves errors of 1e-12 to
@@ -52,7 +55,12 @@ class Shooting(eqx.Module):
     newton_tol: float = eqx.field(static=True, default=1e-6)
     max_iterations: int = eqx.field(static=True, default=400)
     min_load_step: float = eqx.field(static=True, default=1e-4)
-    points: int = eqx.field(static=True, default=101)
+    points: int | tuple[float, ...] = eqx.field(static=True, default=101)
+
+    @property
+    def places(self) -> Float[np.ndarray, " points"]:
+        """The places s / L of the points."""
+        return np.linspace(0.0, 1.0, self.points) if isinstance(self.points, int) else np.array(self.points)
 
     @property
     def is_multiple(self) -> bool:

@@ -1,6 +1,5 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -15,7 +14,7 @@ from ..physics.muscles import active_at
 from ..physics.rod import Rod, derivative, fold_margin
 from ..physics.section import stiffness_at
 from ..scene import Scene, SceneError
-from ..scene.quantity import Scalar, as_floats, concrete, is_traced
+from ..scene.quantity import Scalar, as_floats, is_traced
 from . import equilibrium, multiple
 from .equilibrium import at_root
 from .integrate import Shot, shoot
@@ -35,16 +34,13 @@ class SolveError(RuntimeError):
     """A rod has no solution; the message says why and what to do."""
 
 
-def solve(
-    scene: Scene, method: Shooting | None = None, *, at: Sequence[float] | None = None, throw: bool = True
-) -> Solution:
+def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -> Solution:
     """The static equilibrium of `scene` that raising all its loads in proportion from zero leads to.
 
     Works under `jax.jit`, `vmap`, `grad`, `jacfwd` and any nesting of them; derivatives with respect to every float of
     the scene are those of the implicit function theorem. `method` is a `Shooting`, by default `Shooting()`: single
     shooting, and where that loses the equilibrium multiple shooting, but under `jit` and `vmap` only what the method
-    says. The fields are held at the arc lengths `at` [m] where they are given, ascending numbers, else at
-    `method.points` equally spaced ones.
+    says.
 
     Raises `SolveError` with the outcome's sentence if the rod has no solution, unless `throw` is False. While JAX is
     tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution.
@@ -55,13 +51,11 @@ def solve(
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     check_steady(scene)
     scene, method = as_floats(scene), Shooting() if method is None else method
-    _check_points(scene, at)
-    points = None if at is None else tuple(map(float, at))
     if is_traced(scene):
-        return _solve(scene, method, points)
-    solution = _solve(scene, method.single, points)
+        return _solve(scene, method)
+    solution = _solve(scene, method.single)
     if needs_multiple_shooting(solution, method):
-        solution = _solve(scene, method.multiple, points)
+        solution = _solve(scene, method.multiple)
     if throw and lax.stop_gradient(solution.outcome._value) != Outcome.converged._value:
         raise SolveError(solution.message)
     return solution
@@ -74,12 +68,6 @@ def check_steady(scene: Scene) -> None:
             raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
 
 
-def _check_points(scene: Scene, at: Sequence[float] | None) -> None:
-    length = concrete(lax.stop_gradient(scene.arm.length))
-    if at is not None and length is not None and not all(0 <= s <= length for s in at):
-        raise SceneError(f"at: {list(at)} is not allowed; allowed: arc lengths from 0 to {length:g} [m]")
-
-
 def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array, "..."]:
     """Which rods single shooting did not solve, where `method` leaves it to us what to do about them."""
     lost = ~solution.converged & (solution.outcome != Outcome.bad_input)
@@ -87,7 +75,7 @@ def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array,
 
 
 @eqx.filter_jit
-def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solution:
+def _solve(scene: Scene, method: Shooting) -> Solution:
     params, tree = jax.tree.flatten(scene)
 
     def rod_of(params: list) -> Rod:
@@ -95,7 +83,7 @@ def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solu
 
     def at_pose(pose: Any, params: list) -> tuple[Array, tuple]:
         rod = rod_of(params)
-        points = _points(rod, method, at)
+        points = jnp.asarray(method.places) * rod.arm.length
         if method.is_multiple:
             rod = pulled(rod, pose.tensions)
             shot, error = shoot_between(rod, pose, method, points)
@@ -126,8 +114,6 @@ def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solu
         lambda value: jnp.where(outcome == Outcome.converged, value, jnp.nan), (fields, tensions)
     )
     tip = jax.tree.map(lambda field: field[-1], fields)
-    if at is not None:
-        fields = jax.tree.map(lambda field: field[:-1], fields)
     return Solution(
         tip=Pose(tip.x, tip.y, tip.theta),
         tip_strain=SectionStrains(tip.nu, tip.eta, tip.mu, tip.beta),
@@ -141,13 +127,6 @@ def _solve(scene: Scene, method: Shooting, at: tuple[float, ...] | None) -> Solu
         failed_at=failed_at,
         tensions=tensions,
     )
-
-
-def _points(rod: Rod, method: Shooting, at: tuple[float, ...] | None) -> Float[Array, " points"]:
-    """The arc lengths of the fields; the last is the tip's."""
-    if at is None:
-        return jnp.linspace(0.0, rod.arm.length, method.points)
-    return jnp.append(jnp.array(at), rod.arm.length)
 
 
 def _fields(rod: Rod, shot: Shot, points: Float[Array, " points"]) -> tuple[Fields, Scalar]:

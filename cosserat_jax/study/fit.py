@@ -90,6 +90,8 @@ def _check_options(
         for one in free:
             if one.path in table.inputs:
                 raise SceneError(f"{one.path}: is a column of {table.name}; allowed: free, or given by the data")
+        if table.markers and "arm.length" in {*table.inputs, *(one.path for one in free)}:
+            raise SceneError("arm.length: changes, and with it where the markers are; allowed: a length that stays")
     if len({table.sigma is None for table in measured}) > 1:
         raise SceneError("sigma: missing in some of the tables; allowed: in all of them, or in none")
     if isinstance(loss, str) and loss not in LOSSES:

@@ -22,20 +22,22 @@ class Free(NamedTuple):
     upper: float
 
 
-def free_parameters(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[Free, ...]:
+def free_parameters(
+    scene: Scene, free: Iterable[str] | Mapping[str, Any], *, from_scene: bool = True
+) -> tuple[Free, ...]:
     """`free`, paths or {path: (lower, upper)}, as `Free`s that start at the scene's values.
 
     A bound is a number in SI or a string with a unit; None, for one or for both, is what the parameter may be at all.
-    Raises `SceneError` for a path that cannot be free, and for bounds that are not allowed or leave out the scene's
-    value.
+    Raises `SceneError` for a path that cannot be free, and for bounds that are not allowed or, where the study starts
+    `from_scene`, leave out the scene's value.
     """
     bounds = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not bounds:
         raise SceneError("free: nothing is free; allowed: paths of parameters, such as arm.youngs_modulus")
-    return tuple(_free(scene, path, given) for path, given in bounds.items())
+    return tuple(_free(scene, path, given, from_scene) for path, given in bounds.items())
 
 
-def _free(scene: Scene, path: str, bounds: Any) -> Free:
+def _free(scene: Scene, path: str, bounds: Any, from_scene: bool) -> Free:
     value, rule = lookup(scene, path)
     if not isinstance(rule, Quantity) or rule.components > 1:
         raise SceneError(f"{path}: cannot be free; allowed: a parameter that is one number")
@@ -50,7 +52,7 @@ def _free(scene: Scene, path: str, bounds: Any) -> Free:
         raise SceneError(f"{path}: bounds {text} are not allowed; allowed: a lower one below an upper one")
     if lower < allowed.lower or upper > allowed.upper:
         raise SceneError(f"{path}: bounds {text} are not allowed; allowed: {allowed} [{rule.unit}]")
-    if not Interval(lower, upper).holds(start):
+    if from_scene and not Interval(lower, upper).holds(start):
         raise SceneError(f"{path}: starts at {start:g}, outside its bounds; allowed: {text}")
     return Free(path, rule.unit, start, lower, upper)
 

@@ -43,13 +43,14 @@ class Model(eqx.Module):
         and is not seen to between the measurements."""
         driven = {i: muscle.tcam for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None}
         inputs, rod_of_row = _distinct(measured)
+        places = tuple(marker / float(scene.arm.length) for marker in measured.markers)
         return cls(
             observables=measured.observables,
             inputs={path: jnp.asarray(values) for path, values in inputs.items()},
             rod_of_row=tuple(rod_of_row.tolist()),
             times=None if measured.times is None else jnp.asarray(measured.times),
             voltages={i: jnp.asarray(volts) for i, volts in measured.voltages.items()},
-            method=dataclasses.replace(method, points=3),
+            method=dataclasses.replace(method, points=(0.0, *places, 1.0)),
             stepping={i: dataclasses.replace(TimeStepping.suited_to(tcam), watch=1) for i, tcam in driven.items()},
         )
 
@@ -88,7 +89,7 @@ class Model(eqx.Module):
 
         def one(inputs: dict, pulls: dict, _: Array) -> Solution:
             rod = replace(with_tensions(scene, pulls), inputs)
-            return solve(rod, self.method, at=self.markers or None, throw=False)
+            return solve(rod, self.method, throw=False)
 
         return jax.vmap(one)(self.inputs, tensions, jnp.arange(max(self.rod_of_row) + 1))
 
@@ -101,7 +102,7 @@ class Model(eqx.Module):
         of_row = np.array(self.rod_of_row)
         if observable.marker is None:
             return getattr(solution.tip, observable.field)[of_row]
-        place = self.markers.index(observable.marker)
+        place = 1 + self.markers.index(observable.marker)
         return getattr(solution.fields, observable.field)[of_row, place]
 
 
