@@ -74,6 +74,7 @@ def test_json_is_the_contract_s_line_for_each_target(run: Run, tmp_path: Path, s
     assert out["distance"] == pytest.approx(float(np.linalg.norm(nearest - [0.5, 0.1])))
 
 
+@pytest.mark.slow
 def test_text_gives_values_with_bounds_and_a_figure_is_drawn(run: Run, tmp_path: Path, scene: str) -> None:
     x, y = tip_at(str(tmp_path / scene), 12.0, 3.0)
     ran = run("reach", scene, "--target", f"{x}, {y}", *FREE, "--plot", "reach.png")
@@ -84,6 +85,7 @@ def test_text_gives_values_with_bounds_and_a_figure_is_drawn(run: Run, tmp_path:
     assert sorted(os.listdir(tmp_path)) == ["arm.toml", "reach.png"]
 
 
+@pytest.mark.slow
 def test_at_is_the_point_that_is_brought_to_the_target(run: Run, scene: str) -> None:
     ran = run("reach", scene, "--target", "0.209, 0 m", "--at", "209 mm", *FREE, "--set", "arm.length=418 mm")
     assert ran.status == 0
@@ -91,6 +93,7 @@ def test_at_is_the_point_that_is_brought_to_the_target(run: Run, scene: str) -> 
     assert "muscles.0.tension = 0 N" in ran.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("one", [True, False])
 def test_figures_show_arms_targets_and_workspace(tmp_path: Path, scene: str, one: bool) -> None:
     (tmp_path / scene).write_text(SCENE)
@@ -107,6 +110,7 @@ def test_figures_show_arms_targets_and_workspace(tmp_path: Path, scene: str, one
     assert len(workspace_figure({"here": found.workspace, "there": found.workspace}).axes) == 2
 
 
+@pytest.mark.slow
 def test_a_voltage_is_read_in_volts(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 

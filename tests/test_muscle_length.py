@@ -70,6 +70,7 @@ def test_parallel_tendon_in_closed_form(contraction: float):
     assert abs(bend) == pytest.approx(length * offset * tension / stiffness.bending, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
     """Paid out, the muscle is slack, and the arm that of no tension; at its length at rest it holds the arm up; the
     third contraction is that at 20 N, by a spline through the fields."""
@@ -88,6 +89,7 @@ def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
     assert in_dataset.attrs["units"] == "N"
 
 
+@pytest.mark.slow
 def test_multiple_shooting_finds_the_same_tension():
     """Wound in and paid out; at the latter the muscle, taut in the linear response, goes slack."""
     method = Shooting(points=3, steps=5, intervals=8)
@@ -97,6 +99,7 @@ def test_multiple_shooting_finds_the_same_tension():
         np.testing.assert_allclose(multiple.tip.y, single.tip.y, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_length_control_holds_where_tension_control_snaps():
     """A steel column that leans to the left under 1.5 times its buckling load, a tendon on its right. Wound in, the
     tendon first pulls harder, up to a limit point, and then, as it brings the column upright, less: there the column
@@ -131,6 +134,7 @@ def as_arrays(scene: Scene) -> Scene:
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
 
 
+@pytest.mark.slow
 def test_derivatives_by_every_float_are_central_differences():
     columns = parameters(REVERSE(as_arrays(BOTH_WOUND)))
     assert columns.keys() == parameters(BOTH_WOUND).keys()
@@ -150,6 +154,7 @@ def _leaves(path: str, step: int) -> bool:
     return step > 0 and path in ("arm.poisson_ratio", "water.inlet_fraction")
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_slack_muscle_are_those_of_none():
     columns = parameters(REVERSE(as_arrays(replace(BOTH_WOUND, {"muscles.1.contraction": "-20 mm"}))))
     assert np.isfinite(np.stack(list(columns.values()))).all()

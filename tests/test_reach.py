@@ -134,6 +134,7 @@ def test_nearest_point_is_that_of_trust_region_least_squares(arms: Arms, found: 
 # --- points and shapes
 
 
+@pytest.mark.slow
 def test_a_shape_of_the_arm_is_met_at_all_its_points(drawn: tuple[np.ndarray, np.ndarray]) -> None:
     at = np.array([0.5, 0.75, 1.0]) * LENGTH
     shape = Arms.of(THREE, FREE, at, None).images(drawn[0][:1]).r.reshape(3, 2) * LENGTH
@@ -145,6 +146,7 @@ def test_a_shape_of_the_arm_is_met_at_all_its_points(drawn: tuple[np.ndarray, np
     np.testing.assert_allclose([30 * u for u in drawn[0][0]], list(found.values.values()), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_of_a_shape_that_the_arm_cannot_take_the_distance_is_the_mean_square() -> None:
     at = np.array([0.5, 1.0]) * LENGTH
     found = reach(THREE, [[0.1, 0.1], [0.3, -0.1]], FREE, at)
@@ -155,6 +157,7 @@ def test_of_a_shape_that_the_arm_cannot_take_the_distance_is_the_mean_square() -
     assert float(found.distance) <= np.sqrt(np.mean(np.sum((tips - found.target) ** 2, axis=2), axis=1)).min()
 
 
+@pytest.mark.slow
 def test_fields_are_held_at_places_asked_for() -> None:
     places = (0.0, 0.123, 0.7, 1.0)
     few = solve(load("elastica"), Shooting(points=places)).fields
@@ -163,6 +166,7 @@ def test_fields_are_held_at_places_asked_for() -> None:
     np.testing.assert_allclose(few.y[1:3], many.y[np.array([123, 700])], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_datasets_hold_the_places_asked_for() -> None:
     places = (0.0, 0.123, 0.7, 1.0)
     swept = sweep(load("elastica"), {"tip.force.1": [1.0, 2.0]}, Shooting(points=places))
@@ -230,6 +234,7 @@ def test_the_voltage_found_holds_the_muscle_at_its_tension() -> None:
         assert float(held.tension[0]) == pytest.approx(tension, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_voltages_are_bounded_by_the_limit_temperature_and_by_those_given() -> None:
     scene = Scene(ARM, (dataclasses.replace(UPPER, tension=None, tcam=wet()),))
     control = controls_of(scene, [VOLTAGE])[0]
@@ -241,6 +246,7 @@ def test_voltages_are_bounded_by_the_limit_temperature_and_by_those_given() -> N
     assert controls_of(scene, {VOLTAGE: (0, 100)})[0].high == control.high
 
 
+@pytest.mark.slow
 def test_a_voltage_brings_the_arm_where_its_tension_does() -> None:
     scene = Scene(ARM, (dataclasses.replace(UPPER, tension=None, tcam=wet()), dataclasses.replace(LOWER, tension=2.0)))
     pulled = dataclasses.replace(scene, muscles=(dataclasses.replace(UPPER, tension=9.0), scene.muscles[1]))
