@@ -27,7 +27,7 @@ from cosserat_jax.study.checkpoint import Checkpoint
 SWEEP = ["sweep", "octopus", "--over", "water.velocity=0.2:0.6:0.1 m/s", "--batch", "2"]
 STUCK = ["--set", "water.velocity=-5 m/s"]  # a strong current from the tip: the arm would snap
 KEYS = ["scene", "outcome", "converged", "message", "residual", "iterations", "steps", "tip", "tip_strain", "tilt_deg"]
-KEYS += ["condition", "load_fraction", "failed_at"]
+KEYS += ["condition", "load_fraction", "failed_at", "tensions_N"]
 
 
 def stop_at_save(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
