@@ -164,7 +164,7 @@ def test_sweep_writes_netcdf_that_reads_back_complete(run: Run, tmp_path: Path) 
     assert sorted(os.listdir(tmp_path)) == ["a.nc", "a.svg"]
     assert b"<svg" in (tmp_path / "a.svg").read_bytes()
     with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as data:
-        assert dict(data.sizes) == {"water.velocity": 5, "s": 101}
+        assert dict(data.sizes) == {"water.velocity": 5, "s": 101, "muscle": 1}
         np.testing.assert_allclose(data["water.velocity"], [0.2, 0.3, 0.4, 0.5, 0.6])
         for name in ("x", "y", "theta", "nu", "eta", "mu", "beta", "N", "H", "M"):
             assert data[name].dims == ("water.velocity", "s")
