@@ -73,7 +73,8 @@ def save_animation(actuation: "Actuation", place: Path) -> None:
 def rod_at(actuation: "Actuation", instant: int, color: Any) -> Rod:
     """The arm at one of the instants, each muscle with the tension that it has then."""
     fields, found = jax.tree.map(lambda leaf: leaf[instant], (actuation.solution.fields, actuation.solution.tensions))
-    tensions = dict(enumerate(np.nan_to_num(found)))
+    tensions = dict(enumerate(found)) | {i: driven.tension[instant] for i, driven in actuation.responses.items()}
+    tensions = {i: np.nan_to_num(tension) for i, tension in tensions.items()}
     return Rod(with_tensions(actuation.scene, tensions), fields, {"color": color})
 
 
