@@ -68,6 +68,7 @@ def test_standard_errors_are_those_of_scipy(exact, tips):
     np.testing.assert_allclose(list(exact.stderr.values()), errors, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_without_sigma_the_error_comes_from_the_residuals(tips):
     rng = np.random.default_rng(3)
     noisy = tips | {name: tips[name] + rng.normal(scale=SIGMA, size=5) for name in ("tip.x [m]", "tip.y [m]")}
@@ -121,6 +122,7 @@ def test_constants_of_a_muscle_come_from_a_noisy_record(driven):
     assert 0.7 < found.chi_squared / found.dof < 1.3
 
 
+@pytest.mark.slow
 def test_a_robust_loss_shrugs_off_outliers(driven):
     scene, record = driven
     known = replace(scene, dict(zip(MUSCLE_PATHS[:2], list(HIDDEN_MUSCLE.values())[:2], strict=True)))
@@ -146,6 +148,7 @@ def test_robust_losses_are_those_of_scipy():
         assert (np.sign(bent) == np.sign(r)).all()
 
 
+@pytest.mark.slow
 def test_an_optax_optimiser_finds_the_same_minimum(driven):
     scene, record = driven
     best = fit(scene, record, MUSCLE_PATHS, sigma=MUSCLE_SIGMA)

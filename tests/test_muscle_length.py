@@ -163,6 +163,7 @@ def test_derivatives_of_a_slack_muscle_are_those_of_none():
     assert columns["muscles.0.contraction"][0] > 0
 
 
+@pytest.mark.slow
 def test_muscles_on_one_path_cannot_be_told_apart():
     offsets = [f"muscles.{i}.{name}" for i in range(2) for name in ("base_offset", "end_offset")]
     same = replace(BOTH_WOUND, dict.fromkeys(offsets, 0.0) | {"muscles.1.end": PULLED.arm.length})

@@ -72,6 +72,7 @@ def found(drawn: tuple[np.ndarray, np.ndarray]) -> Reach:
 # --- there and back again
 
 
+@pytest.mark.slow
 def test_reachable_targets_are_reached_and_no_other(found: Reach) -> None:
     assert found.reached.tolist() == [True] * 20 + [False] * 6
     assert found.distance[:20].max() < 1e-8
@@ -82,6 +83,7 @@ def test_reachable_targets_are_reached_and_no_other(found: Reach) -> None:
     assert f"nearest {found.distance[20]:.4g} m away" in found.message_of(20)
 
 
+@pytest.mark.slow
 def test_tips_are_those_that_solve_finds(found: Reach) -> None:
     tip = solve(found.scene_at(4)).tip
     np.testing.assert_allclose([tip.x, tip.y], found.target[4], atol=1e-8)
@@ -89,6 +91,7 @@ def test_tips_are_those_that_solve_finds(found: Reach) -> None:
     assert [muscle.tension for muscle in found.scene_at(4).muscles] == [v[4] for v in found.values.values()]
 
 
+@pytest.mark.slow
 def test_values_keep_their_bounds(found: Reach) -> None:
     values = np.stack(list(found.values.values()))
     assert list(found.values) == list(FREE)
@@ -100,6 +103,7 @@ def test_values_keep_their_bounds(found: Reach) -> None:
 # --- against SciPy
 
 
+@pytest.mark.slow
 def test_least_effort_is_that_of_slsqp(arms: Arms, found: Reach, drawn: tuple[np.ndarray, np.ndarray]) -> None:
     assert (found.effort[:20] <= np.sum(drawn[0] ** 2, axis=1) * (1 + 1e-9)).all()
     for i in (0, 7):
@@ -120,6 +124,7 @@ def test_least_effort_is_that_of_slsqp(arms: Arms, found: Reach, drawn: tuple[np
         assert found.effort[i] == pytest.approx(slsqp.fun, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_nearest_point_is_that_of_trust_region_least_squares(arms: Arms, found: Reach) -> None:
     for i in (20, 23):
         target = found.target[i] / LENGTH
@@ -173,6 +178,7 @@ def test_datasets_hold_the_places_asked_for() -> None:
     np.testing.assert_allclose(swept.to_xarray()["s"], places)
 
 
+@pytest.mark.slow
 def test_where_no_arm_has_an_equilibrium_the_outcome_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("cosserat_jax.study.workspace")
     solve_batch = module._solve_batch
@@ -199,6 +205,7 @@ def test_where_no_arm_has_an_equilibrium_the_outcome_says_so(monkeypatch: pytest
 # --- the workspace
 
 
+@pytest.mark.slow
 def test_the_workspace_is_a_grid_of_the_box(arms: Arms, found: Reach) -> None:
     space = workspace(THREE, FREE, count=30)
     assert space.shape == (3, 3, 3)
