@@ -79,6 +79,7 @@ def test_without_sigma_the_error_comes_from_the_residuals(tips):
         assert unknown.stderr[path] == pytest.approx(known.stderr[path] * estimated, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_missing_measurement_does_not_count(tips, exact):
     y = tips["tip.y [m]"].copy()
     y[1] = np.nan
@@ -156,6 +157,7 @@ def test_an_optax_optimiser_finds_the_same_minimum(driven):
     assert list(slow.values.values()) == pytest.approx(list(best.values.values()), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_resistance_and_heat_cannot_be_told_apart_by_temperature(driven):
     """v^2 / (R C_t) and lambda / C_t are all that a temperature tells: two numbers, not three."""
     scene, record = driven

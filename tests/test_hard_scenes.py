@@ -62,6 +62,7 @@ def test_sweep_solves_rods_that_need_it_by_multiple_shooting():
             np.testing.assert_allclose(swept.tip.y[i, j], alone.tip.y, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_gradient_through_multiple_shooting_equals_central_differences():
     """Of a plain `jax.grad`, which chooses multiple shooting by itself, along a random direction in all parameters."""
     at = as_floats(scene(TAUT))

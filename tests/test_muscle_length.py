@@ -196,6 +196,7 @@ def test_contraction_takes_the_place_of_tension_and_reads_back(tmp_path):
     assert load(path) == WOUND
 
 
+@pytest.mark.slow
 def test_command_line_takes_a_contraction_and_prints_the_tension(run: Run):
     words = ("solve", "octopus", "--set", "muscles.0.contraction=8 mm")
     line, text = run(*words, "--json"), run(*words)
