@@ -54,7 +54,12 @@ class Measurements:
     @property
     def markers(self) -> tuple[float, ...]:
         """The arc lengths [m] of the markers, ascending."""
-        return tuple(sorted({o.marker for o in self.observables if o.marker is not None}))
+        return markers_of(self.observables)
+
+
+def markers_of(observables: tuple[Observable, ...]) -> tuple[float, ...]:
+    """The arc lengths [m] of the markers, ascending."""
+    return tuple(sorted({one.marker for one in observables if one.marker is not None}))
 
 
 def read_measurements(scene: Scene, data: Any, sigma: Mapping[str, Any] | float | str | None = None) -> Measurements:

@@ -47,13 +47,6 @@ class Minimum(NamedTuple):
     steps: Int[Array, "*batch"]
     history: Float[Array, "*batch steps"]
 
-    @property
-    def slope(self) -> Float[Array, "*batch"]:
-        """The largest cosine between the misfits and a column of their Jacobian: 0 at a minimum (MINPACK's gtol)."""
-        along = jnp.abs(jnp.einsum("...vp,...v->...p", self.jacobian, self.misfits))
-        lengths = jnp.linalg.norm(self.jacobian, axis=-2) * jnp.linalg.norm(self.misfits, axis=-1)[..., None]
-        return jnp.max(along / jnp.where(lengths > 0, lengths, 1.0), axis=-1)
-
 
 @eqx.filter_jit
 def minimise(

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..scene import Sampled, Scene, replace
 from ..solver import Response, ResponseOutcome, Shooting, Solution, TimeStepping, solve, tcam_response
 from .actuate import with_tensions
-from .measurements import Measurements, Observable
+from .measurements import Measurements, Observable, markers_of
 
 
 class Prediction(NamedTuple):
@@ -53,11 +53,6 @@ class Model(eqx.Module):
             method=dataclasses.replace(method, points=(0.0, *places, 1.0)),
             stepping={i: dataclasses.replace(TimeStepping.suited_to(tcam), watch=1) for i, tcam in driven.items()},
         )
-
-    @property
-    def markers(self) -> tuple[float, ...]:
-        """The arc lengths [m] of the markers, ascending."""
-        return tuple(sorted({o.marker for o in self.observables if o.marker is not None}))
 
     def __call__(self, scene: Scene) -> Prediction:
         responses = self._responses(scene)
@@ -102,7 +97,7 @@ class Model(eqx.Module):
         of_row = np.array(self.rod_of_row)
         if observable.marker is None:
             return getattr(solution.tip, observable.field)[of_row]
-        place = 1 + self.markers.index(observable.marker)
+        place = 1 + markers_of(self.observables).index(observable.marker)
         return getattr(solution.fields, observable.field)[of_row, place]
 
 
