@@ -9,6 +9,7 @@ from command import Ran, Run
 from cosserat_jax.cli import main
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_disable_most_optimizations", True)  # compiling is what takes the time
 
 
 @pytest.fixture

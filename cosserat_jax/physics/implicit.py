@@ -1,9 +1,10 @@
 """Roots that are differentiated through the equation they solve, not through the iteration that found them."""
 
-import functools as ft
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -11,7 +12,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 
-@ft.partial(jax.custom_jvp, nondiff_argnums=(0,))
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def differentiable_root(residual: Callable, root: Float[Array, "..."], params: Any) -> Float[Array, "..."]:
     """`root`, already found, of residual(root, params) = 0, with the derivatives of the implicit function theorem.
 
@@ -24,7 +25,7 @@ def differentiable_root(residual: Callable, root: Float[Array, "..."], params: A
     return root
 
 
-@ft.partial(differentiable_root.defjvp, symbolic_zeros=True)
+@functools.partial(differentiable_root.defjvp, symbolic_zeros=True)
 def _implicit_function_theorem(residual: Callable, primals: tuple, tangents: tuple) -> tuple:
     found, params = primals
     leaves, tree = jax.tree.flatten(params)
@@ -48,6 +49,23 @@ def in_places(values: list, places: Sequence[int], new: Iterable) -> list:
     return [given.get(i, value) for i, value in enumerate(values)]
 
 
+def batched_with(like: Any, tree: Any) -> Any:
+    """`tree`, the carry with which a loop begins, as it is, but batched wherever a float of `like` is.
+
+    Under `vmap` JAX finds which parts of a carry are batched by tracing the loop's body again until no more turn up,
+    and all of that anew for every loop around it. A carry that is batched as a whole from the beginning is settled at
+    once: a batched solve is traced in half the time.
+    """
+    floats = jax.tree.leaves(eqx.filter(like, eqx.is_inexact_array))
+    never = functools.reduce(jnp.logical_or, [jnp.any(leaf < leaf) for leaf in floats])
+
+    def tied(leaf: Any) -> Array:
+        leaf = jnp.asarray(leaf)
+        return leaf | never if leaf.dtype == bool else leaf + never.astype(leaf.dtype)
+
+    return jax.tree.map(tied, tree)
+
+
 def newton(residual: Callable, start: Array, params: Any, max_step: float = jnp.inf) -> Array:
     """Newton's iteration for a scalar or three unknowns, with steps of at most `max_step` in each.
 
@@ -66,7 +84,7 @@ def newton(residual: Callable, start: Array, params: Any, max_step: float = jnp.
         _, size, count = carry
         return (size > 1e-9) & (count < 30)
 
-    return lax.while_loop(unfinished, improve, (start, jnp.inf, 0))[0]
+    return lax.while_loop(unfinished, improve, batched_with(start, (start, jnp.inf, 0)))[0]
 
 
 def value_and_jacobian(function: Callable, x: Array, has_aux: bool = False) -> tuple:

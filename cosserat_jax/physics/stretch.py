@@ -23,7 +23,7 @@ from jax import lax
 
 from ..scene import Arm
 from ..scene.quantity import Scalar
-from .implicit import differentiable_root, newton
+from .implicit import batched_with, differentiable_root, newton
 from .section import SectionLoad, radius_at, stiffness_at, strains_at
 
 _PASSES = 3  # of the secant method
@@ -42,7 +42,7 @@ def stretch_at(
     arm: Arm, s: Scalar, load: SectionLoad, rates_at: Callable[[Scalar, Scalar], LoadRates]
 ) -> tuple[Scalar, Scalar]:
     """beta and beta_s; `rates_at` gives the load's rates at a stretch and slope. Past a fold g(beta) is not zero."""
-    flat = jnp.zeros_like(load.axial)
+    flat = 0.0 * load.axial
     unit = any(pull.unit for pull in load.pulls)
     held = flat if unit else _root(arm, s, load, flat)
     held_slope = flat if unit else constraint_slope(arm, s, load, held, flat)
@@ -80,7 +80,8 @@ def constraint_slope(arm: Arm, s: Scalar, load: SectionLoad, beta: Scalar, beta_
 def _root(arm: Arm, s: Scalar, load: SectionLoad, beta_s: Scalar) -> Scalar:
     params = (arm, s, load, beta_s)
     held = lax.stop_gradient(params)
-    return differentiable_root(volume_defect, newton(volume_defect, jnp.ones(()), held, max_step=0.25), params)
+    start = batched_with(held[2].axial, 1.0)
+    return differentiable_root(volume_defect, newton(volume_defect, start, held, max_step=0.25), params)
 
 
 def _defect_rate(

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..physics.implicit import solve_linear
+from ..physics.implicit import batched_with, solve_linear
 from .integrate import Progress
 from .method import Shooting
 from .outcome import Outcome
@@ -141,6 +141,7 @@ def follow(formulation: Formulation, allowed: Bool[Array, ""], method: Shooting)
         trial_pose=start, last_step=jnp.inf * one, drift=zero, newton_steps=none, iterations=none,
         outcome=Outcome.where(allowed, Outcome.converged, Outcome.bad_input), stopped_at=zero, running=allowed,
     )  # fmt: skip
+    walk = batched_with(formulation, walk)
     walk = lax.while_loop(lambda walk: walk.running, lambda walk: _pass(formulation, method, walk), walk)
     return Found(walk.pose, walk.outcome, walk.load, walk.iterations, walk.jacobian, walk.stopped_at)
 

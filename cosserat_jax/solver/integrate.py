@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from ..physics.implicit import batched_with
 from ..physics.lengths import units_of
 from ..physics.muscles import active_stretches
 from ..physics.rod import Rod, RodState, derivative, tip_state
@@ -67,7 +68,8 @@ def shoot(
         stretch = integrate(rod, state, start, end, active, method, points)
         return stretch.end, stretch
 
-    base, stretches = lax.scan(onward, state_at_tip(rod, tip_pose), (ends[:-1], ends[1:], active))
+    at_tip = batched_with(tip_pose, state_at_tip(rod, tip_pose))
+    base, stretches = lax.scan(onward, at_tip, (ends[:-1], ends[1:], active))
     saved = None if points is None else gather(stretches.saved, ends, points)
     return Shot(base, saved, stretches.progress.over_all())
 
@@ -94,12 +96,13 @@ def integrate(
         length = jnp.where(start > end, start - end, 1.0)  # a stretch between equal ends has none
         asked = jnp.clip((start - points[::-1]) / length, 0.0, 1.0)
         saveat = diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), diffrax.SubSaveAt(ts=asked)])
+    t0, dt0 = batched_with(state.theta, (0.0, method.first_step))
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(slope),
         method.solver,
-        t0=0.0,
+        t0=t0,
         t1=1.0,
-        dt0=method.first_step,
+        dt0=dt0,
         y0=jax.tree.map(jnp.divide, state, scale),
         saveat=saveat,
         stepsize_controller=method.controller,

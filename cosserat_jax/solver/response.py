@@ -16,6 +16,7 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from ..physics.implicit import batched_with
 from ..physics.tcam import (
     TCAMState,
     coil_cosine,
@@ -168,12 +169,13 @@ def _integrate(
 
         held = lax.stop_gradient(length)
         dtmax = jnp.where(held > 0, longest / jnp.where(held > 0, held, 1.0), 1.0)
+        t0, dt0 = batched_with(state, (0.0, jnp.minimum(dtmax, 1.0)))
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(slope),
             method.solver,
-            t0=0.0,
+            t0=t0,
             t1=1.0,
-            dt0=jnp.minimum(dtmax, 1.0),
+            dt0=dt0,
             y0=jax.tree.map(jnp.divide, state, scale),
             stepsize_controller=diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax),
             adjoint=diffrax.ForwardMode(),  # reverse mode goes through `by_forward_mode`
@@ -184,7 +186,7 @@ def _integrate(
         there = jax.tree.map(lambda y, unit: y[-1] * unit, ys, scale)
         return there, (there, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful)
 
-    _, (states, steps, finished) = lax.scan(interval, start, (edges[:-1], edges[1:], pieces))
+    _, (states, steps, finished) = lax.scan(interval, batched_with(tcam, start), (edges[:-1], edges[1:], pieces))
     return states, steps.sum(), finished.all()
 
 

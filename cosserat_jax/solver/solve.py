@@ -43,7 +43,8 @@ def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -
     says.
 
     Raises `SolveError` with the outcome's sentence if the rod has no solution, unless `throw` is False. While JAX is
-    tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution.
+    tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution and in its
+    derivatives.
     Raises `RuntimeError` if double precision is off, and `SceneError` for a scene with a muscle that a TCAM drives: its
     tension changes with time, which is what `actuate` is for.
     """
@@ -110,9 +111,9 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
     failed_at = jnp.where(found.outcome == Outcome.converged, fields.s[jnp.argmin(margin)], found.stopped_at)
     stopped = (outcome == Outcome.volume_constraint_folded) | (outcome == Outcome.integration_failed)
     failed_at = lax.stop_gradient(jnp.where(stopped, failed_at, jnp.nan))
-    fields, tensions = jax.tree.map(
-        lambda value: jnp.where(outcome == Outcome.converged, value, jnp.nan), (fields, tensions)
-    )
+    # a factor, for what is lost to have no derivative either: a choice between it and NaN would have that of zero
+    known = jnp.where(outcome == Outcome.converged, 1.0, jnp.nan)
+    fields, tensions = jax.tree.map(lambda value: value * known if value.size else value, (fields, tensions))
     tip = jax.tree.map(lambda field: field[-1], fields)
     return Solution(
         tip=Pose(tip.x, tip.y, tip.theta),

@@ -14,6 +14,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from ..physics.implicit import batched_with
 from ..solver.forward import by_forward_mode
 
 _STALLED = 5  # trials in a row that were refused
@@ -111,7 +112,7 @@ def _search(fn: Callable, solver: Any, start: Array, max_steps: int) -> tuple[Ar
         done, _ = solver.terminate(fn, u, None, {}, state, no_tags)
         return (count < max_steps) & ~done & ~_settled(state, count, history)
 
-    begin = (start, moving, jnp.array(0), jnp.full(max_steps, jnp.nan))
+    begin = batched_with(start, (start, moving, jnp.array(0), jnp.full(max_steps, jnp.nan)))
     u, moving, count, history = lax.while_loop(unfinished, step, begin)
     return u, eqx.combine(moving, fixed), count, history
 
