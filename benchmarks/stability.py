@@ -101,17 +101,21 @@ def against(what: str, scenes: list[dict], solution: Solution, tips: list[Tip]) 
 
 
 def gradient_errors(scenes: list[Scene], solution: Solution, count: int) -> list[tuple[int, float]]:
-    """Of the first `count` converged scenes that took long: the gradient's error."""
+    """Of `count` converged scenes that took long: the gradient's error."""
     took_long = np.asarray(solution.converged) & (solution.iterations > 8) & (solution.condition < 1e3)
     hard_ones = np.flatnonzero(took_long)
     rng, errors = np.random.default_rng(0), []
     method = Shooting(points=3, rtol=1e-11, atol=1e-11)
     height = jax.jit(lambda scene, method: solve(scene, method, throw=False).tip.y, static_argnums=1)
     slope = cache(lambda method: jax.jit(jax.grad(lambda scene: solve(scene, method, throw=False).tip.y)))
-    for number in hard_ones[:count]:
+    for number in hard_ones:
+        if len(errors) == count:
+            break
         # off the end of its range, past which a difference quotient would step
         scene = as_floats(replace(scenes[number], {"water.inlet_fraction": 0.9}))
         chosen = method.single if solve(scene, method.single, throw=False).converged else method.multiple
+        if not solve(scene, chosen, throw=False).converged:
+            continue  # for want of that current
         leaves, tree = jax.tree.flatten(scene)
         change = [leaf * float(rng.uniform(-1, 1)) for leaf in leaves]
 
@@ -243,7 +247,7 @@ def main(count: int, compared: int, graded: int, size: int, folder: Path | None)
     against("solve_bvp, cold", some, solution, cold)
     keep(solve_bvp_cold=found_by(cold, count))
     for name, tips in (("load-stepped", stepped), ("cold", cold)):
-        times = [tip.seconds for tip in tips if tip.found]
+        times = [tip.seconds for tip in tips if tip.found] or [np.nan]
         line(f"solve_bvp, {name}: found ones", f"median {np.median(times):6.2f} s, mean {np.mean(times):.2f} s a rod")
     for i in differ:
         line(f"scene {i}", f"{names[i]} at {float(solution.load_fraction[i]):.4f}", f"solve_bvp: {stepped[i].how}")
