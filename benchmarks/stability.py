@@ -69,16 +69,16 @@ def solve_batch(scenes: Scene, method: Shooting) -> Solution:
 def solved(scenes: list[Scene], method: Shooting) -> tuple[Solution, float]:
     """Solutions of all scenes in one, and the seconds they took, compiling apart."""
     parts: dict[int, Any] = {}
-    spent = 0.0
+    spent, size = 0.0, 1 if method.is_multiple else BATCH  # side by side, multiple shooting waits for the slowest
     for numbers in by_structure(scenes):
         for kind in (method.single, method.multiple) if method.intervals is None else (method,):
             solve_batch(stacked([scenes[numbers[0]]] * (1 if kind.is_multiple else BATCH)), kind)
-        for start in range(0, len(numbers), BATCH):
-            some = numbers[start : start + BATCH]
-            rods = stacked([scenes[i] for i in np.resize(some, BATCH)])
+        for start in range(0, len(numbers), size):
+            some = numbers[start : start + size]
+            rods = stacked([scenes[i] for i in np.resize(some, size)])
             begin = time.perf_counter()
             solution = jax.block_until_ready(solve_rods(solve_batch, rods, method))
-            spent += (time.perf_counter() - begin) * len(some) / BATCH
+            spent += (time.perf_counter() - begin) * len(some) / size
             parts |= {i: jax.tree.map(lambda leaf, j=j: np.asarray(leaf[j]), solution) for j, i in enumerate(some)}
     return jax.tree.map(lambda *leaves: np.stack(leaves), *(parts[i] for i in range(len(scenes)))), spent
 

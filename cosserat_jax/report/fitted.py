@@ -2,12 +2,12 @@
 
 import json
 import math
-from typing import Any
 
 import numpy as np
 
 from ..scene import unit_of
 from ..study import Calibration
+from .text import number_or_none
 
 
 def calibration_json(name: str, found: Calibration) -> str:
@@ -22,9 +22,9 @@ def calibration_json(name: str, found: Calibration) -> str:
         "parameters": {
             path: {
                 "value": value,
-                "stderr": _number(found.stderr[path]),
+                "stderr": number_or_none(found.stderr[path]),
                 "unit": unit_of(found.scene, path),
-                "interval_95": [_number(bound) for bound in intervals[path]],
+                "interval_95": [number_or_none(bound) for bound in intervals[path]],
             }
             for path, value in found.values.items()
         },
@@ -34,11 +34,11 @@ def calibration_json(name: str, found: Calibration) -> str:
         "chi_squared": found.chi_squared if found.sigma_known else None,
         "measurements": found.taken,
         "degrees_of_freedom": found.dof,
-        "correlation": [[_number(entry) for entry in row] for row in found.correlation],
+        "correlation": [[number_or_none(entry) for entry in row] for row in found.correlation],
         "indistinguishable": found.indistinguishable,
         "warnings": found.warnings,
         "steps": int(found.minimum.steps),
-        "losses": [_number(loss) for loss in np.atleast_1d(found.searches.loss)],
+        "losses": [number_or_none(loss) for loss in np.atleast_1d(found.searches.loss)],
     }
     return json.dumps(line, allow_nan=False)
 
@@ -67,7 +67,3 @@ def _overall_rms(found: Calibration) -> tuple[float, str]:
         parts = np.concatenate([residual.ravel() for residual in found.residuals])
         return float(np.sqrt(np.nanmean(parts**2))), units.pop()
     return float(np.sqrt(found.chi_squared / found.taken)), "sigma"
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..solver import outcome_codes
 from ..study import Reach, ReachOutcome
+from .text import number_or_none
 
 _POSE = ("x", "y", "theta")
 
@@ -25,10 +26,10 @@ def reach_json(name: str, found: Reach) -> list[str]:
             "outcome": names[int(np.asarray(found.outcome._value)[i])],
             "reached": bool(found.reached[i]),
             "message": found.message_of(i),
-            "distance": _number(found.distance[i]),
+            "distance": number_or_none(found.distance[i]),
             "parameters": _parameters(found, i),
-            "tip": {key: _number(getattr(found.solution.tip, key)[i]) for key in _POSE},
-            "effort": _number(found.effort[i]),
+            "tip": {key: number_or_none(getattr(found.solution.tip, key)[i]) for key in _POSE},
+            "effort": number_or_none(found.effort[i]),
             "iterations": int(found.iterations[i]),
         }
         lines.append(json.dumps(line, allow_nan=False))
@@ -60,14 +61,10 @@ def _place(found: Reach) -> str:
 def _parameters(found: Reach, i: int) -> dict[str, dict[str, Any]]:
     return {
         one.path: {
-            "value": _number(found.values[one.path][i]),
+            "value": number_or_none(found.values[one.path][i]),
             "unit": one.unit,
             "lower": one.lower,
             "upper": one.upper,
         }
         for one in found.free
     }
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -26,16 +26,16 @@ def json_line(name: str, solution: Solution) -> str:
         "outcome": _outcome_names(solution.outcome).item(),
         "converged": bool(solution.converged),
         "message": solution.message,
-        "residual": _number(solution.residual),
+        "residual": number_or_none(solution.residual),
         "iterations": int(solution.iterations),
         "steps": int(solution.steps),
-        "tip": {key: _number(getattr(tip, key)) for key in _POSE},
-        "tip_strain": {key: _number(getattr(strain, key)) for key in ("nu", "eta", "mu", "beta")},
-        "tilt_deg": _number(np.degrees(solution.tilt)),
-        "condition": _number(solution.condition),
+        "tip": {key: number_or_none(getattr(tip, key)) for key in _POSE},
+        "tip_strain": {key: number_or_none(getattr(strain, key)) for key in ("nu", "eta", "mu", "beta")},
+        "tilt_deg": number_or_none(np.degrees(solution.tilt)),
+        "condition": number_or_none(solution.condition),
         "load_fraction": float(solution.load_fraction),
-        "failed_at": _number(solution.failed_at),
-        "tensions_N": [_number(tension) for tension in solution.tensions],
+        "failed_at": number_or_none(solution.failed_at),
+        "tensions_N": [number_or_none(tension) for tension in solution.tensions],
     }
     return json.dumps(line, allow_nan=False)
 
@@ -99,8 +99,8 @@ def actuation_json(name: str, actuation: Actuation) -> str:
         "peak_temperature_degC": hottest["peak_temperature_degC"],
         "time_of_peak_s": hottest["time_of_peak_s"],
         "peak_force_N": max((muscle["peak_force_N"] for muscle in muscles.values()), key=_or_lowest),
-        "peak_contraction_m": _number(np.fmax.reduce(contractions, axis=None)),
-        "tip_at_end": {key: _number(getattr(end, key)[-1]) for key in _POSE},
+        "peak_contraction_m": number_or_none(np.fmax.reduce(contractions, axis=None)),
+        "tip_at_end": {key: number_or_none(getattr(end, key)[-1]) for key in _POSE},
         "muscles": muscles,
     }
     return json.dumps(line, allow_nan=False)
@@ -142,9 +142,9 @@ def _muscle_line(actuation: Actuation, i: int) -> dict[str, Any]:
     rise = response.peak.temperature - tcam.ambient_temperature
     return {
         "outcome": _outcome_names(response.outcome, ResponseOutcome).item(),
-        "peak_temperature_degC": _number(_celsius(response.peak.temperature)),
-        "time_of_peak_s": _number(response.peak.time),
-        "peak_force_N": _number(tension_gain(tcam) * rise),
+        "peak_temperature_degC": number_or_none(_celsius(response.peak.temperature)),
+        "time_of_peak_s": number_or_none(response.peak.time),
+        "peak_force_N": number_or_none(tension_gain(tcam) * rise),
     }
 
 
@@ -200,7 +200,8 @@ def _outcome_names(outcome: Any, kind: type[eqx.Enumeration] = Outcome) -> np.nd
     return np.vectorize(by_code.__getitem__, otypes=[object])(codes)
 
 
-def _number(value: Any) -> float | None:
+def number_or_none(value: Any) -> float | None:
+    """JSON has no NaN: a number that there is none of is null."""
     return float(value) if np.isfinite(value) else None
 
 
