@@ -3,6 +3,7 @@
 Most tests share one compiled program: ten tips of the octopus arm, two free parameters.
 """
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -16,7 +17,7 @@ from conversion import plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cosserat_jax import Pulses, SceneError, fit, load, read_measurements, replace, solve
+from cosserat_jax import Pulses, SceneError, Shooting, fit, load, read_measurements, replace, solve, tcam_response
 from cosserat_jax.study.problem import LOSSES
 from cosserat_jax.study.uncertainty import not_told_apart, uncertainty
 
@@ -168,6 +169,29 @@ def test_resistance_and_heat_cannot_be_told_apart_by_temperature(driven):
     assert set(found.indistinguishable[0]) == {f"muscles.0.tcam.{name}" for name in names}
     assert np.isinf(list(found.stderr.values())).all()
     assert "cannot tell apart" in found.warnings[0]
+
+
+@pytest.mark.slow
+def test_markers_under_a_voltage_give_the_modulus_but_not_with_the_gain_as_well():
+    """The marker is seen on an arm pulled by the tension of that instant, with a point every millimetre."""
+    scene = replace(load("octopus-tcam"), {"arm.cross_section": "rigid"})
+    times, hidden = np.array([1.0, 3.0, 5.0]), replace(scene, {"arm.youngs_modulus": 9e6})
+    pulls = tcam_response(scene.muscles[0].tcam, times).tension
+    fields = [
+        solve(
+            dataclasses.replace(hidden, muscles=(dataclasses.replace(scene.muscles[0], tcam=None, tension=pull),)),
+            Shooting(points=419),
+        ).fields
+        for pull in pulls
+    ]
+    assert fields[0].s[200] == pytest.approx(0.2, abs=1e-12)
+    data = {"time [s]": times, "y@200 mm [mm]": [1e3 * float(field.y[200]) for field in fields]}
+    found = fit(scene, data, ["arm.youngs_modulus"], sigma="0.1 mm")
+    assert found.values["arm.youngs_modulus"] == pytest.approx(9e6, rel=1e-6)
+    pair = ["arm.youngs_modulus", "muscles.0.tcam.tension_gain"]
+    both = fit(scene, data, pair, sigma="0.1 mm")
+    assert [set(names) for names in both.indistinguishable] == [set(pair)]
+    assert all(path in both.warnings[0] for path in pair)
 
 
 def test_parameters_that_do_the_same_are_named():
