@@ -4,7 +4,7 @@
 
 Five tips of the octopus arm with a rigid section, modulus and inlet fraction free, measured to 0.05 mm, where the
 density is all but a Gaussian and the two must agree, and to 2 mm, where it is not: the inlet fraction feels its bounds.
-Needs the extra `posterior`. The sampler moves in `fit`'s unbounded parameters with the prior that is flat in the values.
+Needs the extra `posterior`. The sampler moves in `fit`'s unbounded parameters with the prior that is flat in values.
 """
 
 from functools import partial
