@@ -115,6 +115,7 @@ def test_an_overheated_muscle_is_a_warning_and_all_is_written(run: Run, tmp_path
     assert os.listdir(tmp_path) == ["a.nc"]
 
 
+@pytest.mark.slow
 def test_instants_without_equilibrium_are_null_and_all_is_written(run: Run, tmp_path: Path) -> None:
     ran = run(*ACTUATE, *LOST, "--json", "--out", "a.nc", "--plot", "a.png")
     assert (ran.status, ran.err) == (1, "")

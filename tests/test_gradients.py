@@ -96,7 +96,13 @@ def test_second_derivatives_in_every_nesting():
             assert float(jax.jit(outer(inner(pull_to_height)))(at)) == pytest.approx(second, rel=1e-5)
 
 
-@pytest.mark.parametrize("method", [METHOD, Shooting(points=3)], ids=["equal steps", "adaptive steps"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(METHOD, id="equal steps", marks=pytest.mark.slow),
+        pytest.param(Shooting(points=3), id="adaptive steps"),
+    ],
+)
 def test_vmap_and_grad_nest_either_way(method):
     """And a rod without an equilibrium has no gradient, not that of zero, while its neighbours keep theirs."""
     height = functools.partial(pull_to_height, method=method)

@@ -27,7 +27,7 @@ def solution(number: int, method: Shooting = METHOD) -> Solution:
     return solve(scene(number), method, throw=False)
 
 
-@pytest.mark.parametrize("number", [TAUT, TAUT_SOFT, HANGING])
+@pytest.mark.parametrize("number", [TAUT, pytest.param(TAUT_SOFT, marks=pytest.mark.slow), HANGING])
 def test_agrees_with_collocation_where_single_shooting_does_not_reach(number: int):
     assert not solution(number, METHOD.single).converged
     plain, found = hard.drawn(SEED, number), solution(number)

@@ -1,6 +1,6 @@
 """Roots that are differentiated through the equation they solve, not through the iteration that found them."""
 
-import functools
+import functools as ft
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -12,7 +12,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+@ft.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def differentiable_root(residual: Callable, root: Float[Array, "..."], params: Any) -> Float[Array, "..."]:
     """`root`, already found, of residual(root, params) = 0, with the derivatives of the implicit function theorem.
 
@@ -25,7 +25,7 @@ def differentiable_root(residual: Callable, root: Float[Array, "..."], params: A
     return root
 
 
-@functools.partial(differentiable_root.defjvp, symbolic_zeros=True)
+@ft.partial(differentiable_root.defjvp, symbolic_zeros=True)
 def _implicit_function_theorem(residual: Callable, primals: tuple, tangents: tuple) -> tuple:
     found, params = primals
     leaves, tree = jax.tree.flatten(params)
@@ -57,7 +57,7 @@ def batched_with(like: Any, tree: Any) -> Any:
     once: a batched solve is traced in half the time.
     """
     floats = jax.tree.leaves(eqx.filter(like, eqx.is_inexact_array))
-    never = functools.reduce(jnp.logical_or, [jnp.any(leaf < leaf) for leaf in floats])
+    never = ft.reduce(jnp.logical_or, [jnp.any(leaf < leaf) for leaf in floats])
 
     def tied(leaf: Any) -> Array:
         leaf = jnp.asarray(leaf)

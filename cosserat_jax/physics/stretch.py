@@ -42,7 +42,7 @@ def stretch_at(
     arm: Arm, s: Scalar, load: SectionLoad, rates_at: Callable[[Scalar, Scalar], LoadRates]
 ) -> tuple[Scalar, Scalar]:
     """beta and beta_s; `rates_at` gives the load's rates at a stretch and slope. Past a fold g(beta) is not zero."""
-    flat = 0.0 * load.axial
+    flat = 0.0 * load.axial  # batched with it, for the loops to come: see `batched_with`
     unit = any(pull.unit for pull in load.pulls)
     held = flat if unit else _root(arm, s, load, flat)
     held_slope = flat if unit else constraint_slope(arm, s, load, held, flat)
