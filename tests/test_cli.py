@@ -196,6 +196,7 @@ def test_sweep_runs_the_file_s_own_ranges_when_told_nothing(run: Run, tmp_path: 
     assert "water.velocity: 2 values, 0.2 to 0.4 m/s" in ran.out
 
 
+@pytest.mark.slow
 def test_sweep_with_a_rod_that_has_no_solution_writes_its_file_and_names_the_rod(run: Run, tmp_path: Path) -> None:
     ran = run("sweep", "octopus", "--over", "water.velocity=0.2, -5 m/s", "--out", "a.nc")
     assert (ran.status, ran.err) == (1, "")

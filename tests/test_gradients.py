@@ -86,6 +86,7 @@ def pull_to_height(tension: jax.Array, method: Shooting = METHOD) -> jax.Array:
     return solve(replace(load("elastica"), {"tip.force.1": tension}), method, throw=False).tip.y
 
 
+@pytest.mark.slow
 def test_second_derivatives_in_every_nesting():
     """Of the elastica's deflection over its load, beside differences of first derivatives."""
     at, step = jnp.asarray(3.0), 1e-3

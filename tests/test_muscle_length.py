@@ -47,6 +47,7 @@ PULLED = scene_of(PLAIN)
 BOTH_WOUND = replace(PULLED, {"muscles.0.contraction": "9 mm", "muscles.1.contraction": "-0.4 mm"})
 
 
+@pytest.mark.slow
 def test_tensions_are_those_of_collocation_whose_muscles_have_that_length():
     """Solved with tensions by the independent formulation, the lengths of its muscles by quadrature."""
     expected = reference.solve(PLAIN)
