@@ -112,6 +112,7 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
     stopped = (outcome == Outcome.volume_constraint_folded) | (outcome == Outcome.integration_failed)
     failed_at = lax.stop_gradient(jnp.where(stopped, failed_at, jnp.nan))
     # a factor, for what is lost to have no derivative either: a choice between it and NaN would have that of zero
+    # (but not of what is empty, whose value JAX leaves unbatched where its derivative is batched)
     known = jnp.where(outcome == Outcome.converged, 1.0, jnp.nan)
     fields, tensions = jax.tree.map(lambda value: value * known if value.size else value, (fields, tensions))
     tip = jax.tree.map(lambda field: field[-1], fields)
