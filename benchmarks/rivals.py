@@ -49,7 +49,7 @@ def shoot_from_base(scenes: Scene) -> tuple[jax.Array, ...]:
 
     def one(scene: Scene) -> tuple[jax.Array, ...]:
         rod = Rod.of(scene)
-        length, bending = scene.arm.length, stiffness_at(scene.arm, 0.0, 1.0).bending
+        length, bending = scene.arm.length, stiffness_at(scene.arm, 0.0).bending
         units = jnp.stack([bending / length**2, bending / length**2, bending / length])
         ends, active = (part[::-1] for part in active_stretches(rod.muscles, rod.arm))
 

@@ -1,5 +1,6 @@
 """Shared by all tests: the `run` of a command, and a rank that grows by itself is an error."""
 
+import gc
 from pathlib import Path
 
 import jax
@@ -10,6 +11,7 @@ from cosserat_jax.cli import main
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_disable_most_optimizations", True)  # compiling is what takes the time
+gc.set_threshold(100_000, 20, 20)  # and before it tracing, a third of it in walks over what JAX keeps
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ def length_controlled(muscles: Sequence[Muscle]) -> tuple[int, ...]:
 def units_of(muscle: Muscle, arm: Arm) -> Units:
     """The units of one muscle, which no derivative goes through."""
     end = arm.length if muscle.end is None else muscle.end
-    stiffness = stiffness_at(arm, end / 2, 1.0)
+    stiffness = stiffness_at(arm, end / 2)
     offset = (muscle.base_offset + muscle.end_offset) / 2
     lever = jnp.sqrt(stiffness.bending / stiffness.axial + offset**2)
     return lax.stop_gradient(Units(stiffness.bending / (lever * end), lever))

@@ -23,9 +23,9 @@ from ..scene import Arm, Muscle, Scene, Tip
 from ..scene.quantity import Scalar
 from .lengths import length_controlled, shortening_rate
 from .loads import AbstractLoad, CrossSection
-from .muscles import active_at, pull_at
-from .section import SectionLoad, radius_at, stiffness_at, strains_at
-from .stretch import LoadRates, constraint_slope, stretch_at
+from .muscles import pull_at
+from .section import Section, SectionLoad, Strains, section_at, strains_at
+from .stretch import Forces, LoadRates, stretch_at
 from .water import Flow
 from .weight import Weight
 
@@ -124,69 +124,69 @@ def section_load(rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " mus
     return SectionLoad(axial, shear, state.moment, pulls)
 
 
-def derivative(rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " muscles"]) -> tuple[RodState, CrossSection]:
-    """d(state)/ds at `s` with these muscles active, and the cross-section there.
+def derivative(
+    rod: Rod, s: Scalar, state: RodState, active: Bool[Array, " muscles"]
+) -> tuple[RodState, CrossSection, Scalar]:
+    """d(state)/ds at `s` with these muscles active, the cross-section there, and how far the volume constraint is from
+    folding: d(volume)/d(beta) at given load, from 1 at rest to 0.
 
     theta's slope is NaN where the volume constraint has folded.
     """
-    load = section_load(rod, s, state, active)
+    load, section = section_load(rod, s, state, active), section_at(rod.arm, s)
 
-    def at(beta: Scalar, beta_s: Scalar) -> tuple[RodState, CrossSection]:
-        section = _cross_section(rod.arm, s, state, load, beta, beta_s)
-        rates = [jnp.where(active[i], shortening_rate(load.pulls[i], section), 0.0) for i in rod.length_controlled]
-        return _balance(rod, state, load, section)._replace(shortenings=tuple(rates) or None), section
+    def balance(cross: CrossSection, forces: Forces) -> RodState:
+        rates = [jnp.where(active[i], shortening_rate(load.pulls[i], cross), 0.0) for i in rod.length_controlled]
+        return _balance(state, load, cross, forces)._replace(shortenings=tuple(rates) or None)
 
     if rod.is_rigid:
-        return at(1.0, 0.0)
+        cross = _cross_section(section, state, strains_at(section.stiffness, load, 1.0, 0.0), 1.0, 0.0)
+        return balance(cross, _forces(rod, cross)), cross, 1.0
 
-    def rates(beta: Scalar, beta_s: Scalar) -> LoadRates:
-        slope, section = at(beta, beta_s)
+    def loads_at(strains: Strains, beta: Scalar, beta_s: Scalar) -> tuple[Forces, LoadRates]:
+        cross = _cross_section(section, state, strains, beta, beta_s)
+        force_x, force_y, moment = forces = _forces(rod, cross)
         # in the turning frame: (F.a)_s = F_s.a + mu F.b and (F.b)_s = F_s.b - mu F.a
-        axial = slope.force_x * state.cos + slope.force_y * state.sin + section.mu * load.shear
-        shear = slope.force_y * state.cos - slope.force_x * state.sin - section.mu * load.axial
-        return LoadRates(axial, shear, slope.moment)
+        axial = cross.mu * load.shear - (force_x * state.cos + force_y * state.sin)
+        shear = -cross.mu * load.axial - (force_y * state.cos - force_x * state.sin)
+        return forces, LoadRates(axial, shear, cross.eta * load.axial - cross.nu * load.shear - moment)
 
-    beta, beta_s = stretch_at(rod.arm, s, load, rates)
-    slope, section = at(beta, beta_s)
+    stretch = stretch_at(section, load, loads_at)
+    cross = _cross_section(section, state, stretch.strains, stretch.beta, stretch.beta_s)
+    slope = balance(cross, stretch.forces)
     # where the constraint has folded there is no slope: NaN, so that the integrator stops there instead of walking on
-    volume = beta * (section.nu - beta * section.surface * section.mu)
+    volume = cross.beta * (cross.nu - cross.beta * cross.surface * cross.mu)
     folded = ~(jnp.abs(volume - 1) < _VOLUME_TOL)
-    return slope._replace(theta=jnp.where(folded, jnp.nan, slope.theta)), section
+    return slope._replace(theta=jnp.where(folded, jnp.nan, slope.theta)), cross, stretch.margin
 
 
-def fold_margin(rod: Rod, s: Scalar, state: RodState, section: CrossSection) -> Scalar:
-    """How far the volume constraint is from folding at `s`: d(volume)/d(beta) at given load, from 1 at rest to 0."""
-    return constraint_slope(
-        rod.arm, s, section_load(rod, s, state, active_at(rod.muscles, s)), section.beta, section.beta_s
-    )
-
-
-def _cross_section(
-    arm: Arm, s: Scalar, state: RodState, load: SectionLoad, beta: Scalar, beta_s: Scalar
-) -> CrossSection:
-    strains = strains_at(stiffness_at(arm, s, beta), load, beta, beta_s)
-    radius, taper = radius_at(arm, s), (arm.tip_radius - arm.base_radius) / arm.length
+def _cross_section(section: Section, state: RodState, strains: Strains, beta: Scalar, beta_s: Scalar) -> CrossSection:
     return CrossSection(
         x=state.x, y=state.y, cos=state.cos, sin=state.sin,
         nu=1 + strains.extension, eta=strains.shear, mu=strains.curvature, beta=beta, beta_s=beta_s,
-        radius=radius, surface=arm.ventral * radius, surface_slope=arm.ventral * taper,
+        radius=section.radius, surface=section.surface, surface_slope=section.surface_slope,
     )  # fmt: skip
 
 
-def _balance(rod: Rod, state: RodState, load: SectionLoad, section: CrossSection) -> RodState:
-    """d(state)/ds from the strains of the section and the distributed loads on it."""
-    nu, eta, mu = section.nu, section.eta, section.mu
-    force_x = force_y = moment = jnp.zeros_like(mu)
-    for distributed in rod.loads:
-        f1, f2, m = distributed.per_length(section)
+def _forces(rod: Rod, cross: CrossSection) -> Forces:
+    """The distributed loads: force along e1 and e2 [N/m] and moment [N m/m]."""
+    force_x = force_y = moment = jnp.zeros_like(cross.mu)
+    for load in rod.loads:
+        f1, f2, m = load.per_length(cross)
         force_x, force_y, moment = force_x + f1, force_y + f2, moment + m
+    return rod.load_fraction * force_x, rod.load_fraction * force_y, rod.load_fraction * moment
+
+
+def _balance(state: RodState, load: SectionLoad, cross: CrossSection, forces: Forces) -> RodState:
+    """d(state)/ds from the strains of the section and the distributed loads on it."""
+    nu, eta, mu = cross.nu, cross.eta, cross.mu
+    force_x, force_y, moment = forces
     return RodState(
         x=nu * state.cos - eta * state.sin,
         y=nu * state.sin + eta * state.cos,
         theta=mu,
         cos=-mu * state.sin,
         sin=mu * state.cos,
-        force_x=-rod.load_fraction * force_x,
-        force_y=-rod.load_fraction * force_y,
-        moment=eta * load.axial - nu * load.shear - rod.load_fraction * moment,
+        force_x=-force_x,
+        force_y=-force_y,
+        moment=eta * load.axial - nu * load.shear - moment,
     )

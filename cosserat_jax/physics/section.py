@@ -41,6 +41,24 @@ class Strains(NamedTuple):
     curvature: Scalar
 
 
+class Section(NamedTuple):
+    """An undeformed cross-section: radius R [m], offset X = ventral R of its ventral surface [m], both with their
+    slopes along the arm, and its stiffness."""
+
+    radius: Scalar
+    taper: Scalar
+    surface: Scalar
+    surface_slope: Scalar
+    stiffness: Stiffness
+
+    def moved(self, step: Scalar) -> "Section":
+        """The section a step [m] further along the arm."""
+        growth = 1 + step * self.taper / self.radius
+        return self._replace(
+            radius=growth * self.radius, surface=growth * self.surface, stiffness=stretched(self.stiffness, growth)
+        )
+
+
 class SectionLoad(NamedTuple):
     """What a cross-section carries: total force along a and b [N], total moment [N m], and the muscles' pulls."""
 
@@ -49,22 +67,44 @@ class SectionLoad(NamedTuple):
     moment: Scalar
     pulls: tuple[Pull, ...]
 
+    @property
+    def has_unit_tangents(self) -> bool:
+        """Whether any muscle pulls with its unit tangent, so that the strains depend on beta_s and on one another."""
+        return any(pull.unit for pull in self.pulls)
+
+
+def taper_of(arm: Arm) -> Scalar:
+    """dR/ds of the undeformed arm."""
+    return (arm.tip_radius - arm.base_radius) / arm.length
+
 
 def radius_at(arm: Arm, s: Scalar) -> Scalar:
     """R(s) = R_base + (R_tip - R_base) s / L of the undeformed arm [m]. Source: paper, Eq. RodRadius."""
-    return arm.base_radius + (arm.tip_radius - arm.base_radius) / arm.length * s
+    return arm.base_radius + taper_of(arm) * s
 
 
-def stiffness_at(arm: Arm, s: Scalar, beta: Scalar) -> Stiffness:
-    """Stiffness of the deformed section, or the constants given in place of a modulus."""
+def stiffness_at(arm: Arm, s: Scalar) -> Stiffness:
+    """Stiffness of the undeformed section, or the constants given in place of a modulus."""
     if arm.stiffness is not None:
         given = (arm.stiffness.axial, arm.stiffness.shear, arm.stiffness.bending)
         return Stiffness(*(arm.stiffness_factor * constant for constant in given))
     assert arm.youngs_modulus is not None  # a valid scene has the moduli or the stiffness
     assert arm.poisson_ratio is not None
-    area_radius = (radius_at(arm, s) * beta) ** 2
-    axial = arm.stiffness_factor * arm.youngs_modulus * jnp.pi * area_radius
-    return Stiffness(axial, axial / (2 * (1 + arm.poisson_ratio)), axial * area_radius / 4)
+    square = radius_at(arm, s) ** 2
+    axial = arm.stiffness_factor * arm.youngs_modulus * jnp.pi * square
+    return Stiffness(axial, axial / (2 * (1 + arm.poisson_ratio)), axial * square / 4)
+
+
+def section_at(arm: Arm, s: Scalar) -> Section:
+    """The undeformed section at `s`."""
+    radius, taper = radius_at(arm, s), taper_of(arm)
+    return Section(radius, taper, arm.ventral * radius, arm.ventral * taper, stiffness_at(arm, s))
+
+
+def stretched(stiffness: Stiffness, beta: Scalar) -> Stiffness:
+    """Stiffness of a section with a modulus, stretched in its plane by beta: A grows by beta^2, J by beta^4."""
+    area = beta * beta
+    return Stiffness(stiffness.axial * area, stiffness.shear * area, stiffness.bending * (area * area))
 
 
 def pull_moments(pulls: tuple[Pull, ...]) -> tuple[Scalar, Scalar, Scalar]:
@@ -76,32 +116,38 @@ def pull_moments(pulls: tuple[Pull, ...]) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def strains_at(stiffness: Stiffness, load: SectionLoad, beta: Scalar, beta_s: Scalar) -> Strains:
-    """The strains at given beta and beta_s."""
-    tension, first, _ = pull_moments(load.pulls)
-    extension, curvature = solve_bending(stiffness, load.pulls, beta, load.axial - tension, load.moment + beta * first)
+    """The strains at given beta and beta_s, of a section of this stiffness, that of the stretched section."""
+    extension, curvature = bend(stiffness, load, beta)
     rise = sum(pull.tension * (pull.slope * beta + pull.offset * beta_s) for pull in load.pulls)
+    tension = sum(pull.tension for pull in load.pulls)
     strains = Strains(extension, (load.shear - rise) / (stiffness.shear + tension), curvature)
-    if not any(pull.unit for pull in load.pulls):
+    if not load.has_unit_tangents:
         return strains
     params = (stiffness, load, beta, beta_s)
     start, held = lax.stop_gradient((jnp.stack(strains), params))
     return Strains(*differentiable_root(_unbalance, newton(_unbalance, start, held), params))
 
 
-def solve_bending(
-    stiffness: Stiffness, pulls: tuple[Pull, ...], beta: Scalar, axial: Scalar, moment: Scalar
-) -> tuple[Scalar, Scalar]:
-    """Solves for extension e and curvature mu, or for their rates, at given beta and printed tangents:
+def shear_slope(stiffness: Stiffness, load: SectionLoad) -> Scalar:
+    """d(eta)/d(beta_s) with printed tangents."""
+    tension, first, _ = pull_moments(load.pulls)
+    return -first / (stiffness.shear + tension)
 
-        (c E A + sum T) e   - beta sum(T y) mu                    = axial
-        - beta sum(T y) e   + (c E J + beta^2 sum(T y^2)) mu      = moment
+
+def bend(stiffness: Stiffness, load: SectionLoad, beta: Scalar) -> tuple[Scalar, Scalar]:
+    """Extension e = nu - 1 and curvature mu at given beta with printed tangents:
+
+        (c E A + sum T) e   - beta sum(T y) mu                    = F.a - sum T
+        - beta sum(T y) e   + (c E J + beta^2 sum(T y^2)) mu      = M + beta sum(T y)
 
     The extension is eliminated, so an infinite axial stiffness is allowed.
     """
-    tension, first, second = pull_moments(pulls)
-    coupling = beta * first / (stiffness.axial + tension)
+    tension, first, second = pull_moments(load.pulls)
+    axial, moment = load.axial - tension, load.moment + beta * first
+    stretching = stiffness.axial + tension
+    coupling = beta * first / stretching
     curvature = (moment + coupling * axial) / (stiffness.bending + beta * (beta * second - coupling * first))
-    return axial / (stiffness.axial + tension) + coupling * curvature, curvature
+    return axial / stretching + coupling * curvature, curvature
 
 
 def _unbalance(strains: Float[Array, "3"], params: tuple[Stiffness, SectionLoad, Scalar, Scalar]) -> Float[Array, "3"]:

@@ -21,13 +21,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..scene import Arm
 from ..scene.quantity import Scalar
 from .implicit import batched_with, differentiable_root, newton
-from .section import SectionLoad, radius_at, stiffness_at, strains_at
+from .section import Section, SectionLoad, Strains, bend, shear_slope, strains_at, stretched
 
-_PASSES = 3  # of the secant method
+_PASSES = 4  # over the load, the last with the third value of the secant method
 _MOST_FELT = 0.5  # the largest |d(rates)/d(beta_s)| that it believes
+
+Forces = tuple[Scalar, Scalar, Scalar]
 
 
 class LoadRates(NamedTuple):
@@ -38,23 +39,53 @@ class LoadRates(NamedTuple):
     moment: Scalar
 
 
+class Stretch(NamedTuple):
+    """beta and beta_s of a section, its strains, and the distributed force along e1 and e2 and moment on it.
+
+    `margin` is dg/dbeta at given load, 1 at rest, 0 where the constraint folds; past a fold g(beta) is not zero.
+    """
+
+    beta: Scalar
+    beta_s: Scalar
+    strains: Strains
+    forces: Forces
+    margin: Scalar
+
+
 def stretch_at(
-    arm: Arm, s: Scalar, load: SectionLoad, rates_at: Callable[[Scalar, Scalar], LoadRates]
-) -> tuple[Scalar, Scalar]:
-    """beta and beta_s; `rates_at` gives the load's rates at a stretch and slope. Past a fold g(beta) is not zero."""
+    section: Section, load: SectionLoad, loads_at: Callable[[Strains, Scalar, Scalar], tuple[Forces, LoadRates]]
+) -> Stretch:
+    """The stretch of a section; `loads_at` gives what it carries at given strains, beta and beta_s."""
     flat = 0.0 * load.axial  # batched with it, for the loops to come: see `batched_with`
-    unit = any(pull.unit for pull in load.pulls)
-    held = flat if unit else _root(arm, s, load, flat)
-    held_slope = flat if unit else constraint_slope(arm, s, load, held, flat)
 
-    def refine(_: Any, last: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-        _, given, before, found_before = last
-        beta = _root(arm, s, load, given) if unit else held
-        slope = constraint_slope(arm, s, load, beta, given) if unit else held_slope
-        found = -_defect_rate(arm, s, load, beta, given, s_rate=1.0, rates=rates_at(beta, given)) / slope
-        return beta, _secant(given, found, before, found_before), given, found
+    def constrained(beta_s: Scalar) -> tuple[Stretch, _Slopes]:
+        beta = _root(section, load, beta_s)
+        strains = strains_at(stretched(section.stiffness, beta), load, beta, beta_s)
+        slopes = _slopes(section, load, beta, beta_s)
+        return Stretch(beta, beta_s, strains, (flat, flat, flat), slopes.beta), slopes
 
-    return lax.fori_loop(0, _PASSES, refine, (held, flat, flat, flat))[:2]
+    # with printed tangents beta_s acts on the shear alone
+    held = None if load.has_unit_tangents else constrained(flat)
+    if held is None:
+        start, slip = Stretch(flat, flat, Strains(flat, flat, flat), (flat, flat, flat), flat), flat
+    else:
+        start, slip = held[0], shear_slope(stretched(section.stiffness, held[0].beta), load)
+
+    def refine(_: Any, last: tuple[Stretch, Scalar, Scalar, Scalar]) -> tuple[Stretch, Scalar, Scalar, Scalar]:
+        stretch, given, before, found_before = last
+        if held is None:
+            stretch, slopes = constrained(given)
+        else:
+            strains, slopes = stretch.strains._replace(shear=start.strains.shear + slip * given), held[1]
+            stretch = stretch._replace(beta_s=given, strains=strains)
+        forces, rates = loads_at(stretch.strains, stretch.beta, given)
+        change = slopes.s + slopes.axial * rates.axial + slopes.moment * rates.moment
+        if held is None:
+            change += slopes.shear * rates.shear
+        found = -change / slopes.beta
+        return stretch._replace(forces=forces), _secant(given, found, before, found_before), given, found
+
+    return lax.fori_loop(0, _PASSES, refine, (start, flat, flat, flat))[0]
 
 
 def _secant(given: Scalar, found: Scalar, before: Scalar, found_before: Scalar) -> Scalar:
@@ -65,39 +96,38 @@ def _secant(given: Scalar, found: Scalar, before: Scalar, found_before: Scalar) 
     return given + (found - given) / (1 - lax.stop_gradient(rate))
 
 
-def volume_defect(beta: Scalar, params: tuple[Arm, Scalar, SectionLoad, Scalar]) -> Scalar:
-    """g(beta) at the strains that arm, s, load and beta_s give: zero where the volume is kept."""
-    arm, s, load, beta_s = params
-    strains = strains_at(stiffness_at(arm, s, beta), load, beta, beta_s)
-    return beta * (1 + strains.extension - beta * arm.ventral * radius_at(arm, s) * strains.curvature) - 1
+def volume_defect(beta: Scalar, params: tuple[Section, SectionLoad, Scalar]) -> Scalar:
+    """g(beta) of a section, its load and beta_s: zero where the volume is kept."""
+    section, load, beta_s = params
+    stiffness = stretched(section.stiffness, beta)
+    if load.has_unit_tangents:
+        extension, _, curvature = strains_at(stiffness, load, beta, beta_s)
+    else:
+        extension, curvature = bend(stiffness, load, beta)
+    return beta * (1 + extension - beta * section.surface * curvature) - 1
 
 
-def constraint_slope(arm: Arm, s: Scalar, load: SectionLoad, beta: Scalar, beta_s: Scalar) -> Scalar:
-    """dg/dbeta at given load: 1 at rest, 0 where the constraint folds."""
-    return _defect_rate(arm, s, load, beta, beta_s, beta_rate=1.0)
-
-
-def _root(arm: Arm, s: Scalar, load: SectionLoad, beta_s: Scalar) -> Scalar:
-    params = (arm, s, load, beta_s)
+def _root(section: Section, load: SectionLoad, beta_s: Scalar) -> Scalar:
+    params = (section, load, beta_s)
     held = lax.stop_gradient(params)
-    start = batched_with(held[2].axial, 1.0)
+    start = batched_with(load.axial, 1.0)
     return differentiable_root(volume_defect, newton(volume_defect, start, held, max_step=0.25), params)
 
 
-def _defect_rate(
-    arm: Arm, s: Scalar, load: SectionLoad, beta: Scalar, beta_s: Scalar, *,
-    beta_rate: float = 0.0, s_rate: float = 0.0, rates: LoadRates | None = None,
-) -> Scalar:  # fmt: skip
-    """How fast g changes as beta, s and the load change at these rates; a muscle's offset changes with s."""
+class _Slopes(NamedTuple):
+    """The partial derivatives of g: by beta, by s at a given load, and by the load."""
 
-    def moved(step: Scalar) -> Scalar:
-        axial, shear, moment = load[:3]
-        if rates is not None:
-            axial, shear, moment = axial + rates.axial * step, shear + rates.shear * step, moment + rates.moment * step
-        pulls = load.pulls
-        if s_rate:
-            pulls = tuple(eqx.tree_at(lambda p: p.offset, pull, pull.offset + pull.slope * step) for pull in pulls)
-        at = (arm, s + s_rate * step, SectionLoad(axial, shear, moment, pulls), beta_s)
-        return volume_defect(beta + beta_rate * step, at)
+    beta: Scalar
+    s: Scalar
+    axial: Scalar
+    shear: Scalar
+    moment: Scalar
 
-    return jax.jvp(moved, (jnp.zeros(()),), (jnp.ones(()),))[1]
+
+def _slopes(section: Section, load: SectionLoad, beta: Scalar, beta_s: Scalar) -> _Slopes:
+    def defect(beta: Scalar, step: Scalar, axial: Scalar, shear: Scalar, moment: Scalar) -> Scalar:
+        pulls = tuple(eqx.tree_at(lambda p: p.offset, pull, pull.offset + pull.slope * step) for pull in load.pulls)
+        return volume_defect(beta, (section.moved(step), SectionLoad(axial, shear, moment, pulls), beta_s))
+
+    at = (beta, jnp.zeros(()), load.axial, load.shear, load.moment)
+    return _Slopes(*jax.grad(defect, argnums=(0, 1, 2, 3, 4))(*at))

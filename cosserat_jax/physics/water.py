@@ -34,9 +34,9 @@ class Flow(AbstractLoad):
         # the tangent x_s of the surface, in the section's own frame, then in the fixed one
         along = section.nu - section.surface * section.beta * section.mu
         across = section.eta + section.surface_slope * section.beta + section.surface * section.beta_s
-        length = jnp.sqrt(along**2 + across**2)
-        t1 = (along * section.cos - across * section.sin) / length
-        t2 = (along * section.sin + across * section.cos) / length
+        shorter = 1 / jnp.sqrt(along**2 + across**2)
+        t1 = (along * section.cos - across * section.sin) * shorter
+        t2 = (along * section.sin + across * section.cos) * shorter
 
         # u_n = ventral (-t2, t1); the ventral sign drops out of |v_n| v_n u_n but not out of v_t v_n
         ventral = jnp.sign(section.surface)

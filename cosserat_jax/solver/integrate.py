@@ -6,6 +6,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..physics.implicit import batched_with
@@ -69,7 +70,12 @@ def shoot(
         return stretch.end, stretch
 
     at_tip = batched_with(tip_pose, state_at_tip(rod, tip_pose))
-    base, stretches = lax.scan(onward, at_tip, (ends[:-1], ends[1:], active))
+    spans = ends[:-1], ends[1:], active
+    if len(active) == 1:  # without a loop, which JAX would differentiate and batch by tracing it again
+        base, stretch = onward(at_tip, jax.tree.map(lambda leaf: leaf[0], spans))
+        stretches = jax.tree.map(lambda leaf: leaf[None], stretch)
+    else:
+        base, stretches = lax.scan(onward, at_tip, spans)
     saved = None if points is None else gather(stretches.saved, ends, points)
     return Shot(base, saved, stretches.progress.over_all())
 
@@ -83,13 +89,17 @@ def integrate(
     method: Shooting,
     points: Float[Array, " points"] | None = None,
 ) -> Stretch:
-    """Integrates from `state` at s = `start` down to s = `end`, mapped to tau in [0, 1], with these muscles active."""
-    scale = _scales(rod, start)
+    """Integrates from `state` at s = `start` down to s = `end`, mapped to tau in [0, 1], with these muscles active.
 
-    def slope(tau: Any, scaled: Any, _: Any) -> RodState:
+    diffrax carries the state as one vector: its bookkeeping, once for each array, is half of what there is to compile.
+    """
+    units, state_of = ravel_pytree(_scales(rod, start))
+    pace = (end - start) / units
+
+    def slope(tau: Any, scaled: Any, _: Any) -> Float[Array, " state"]:
         s = start + (end - start) * tau
-        d_ds = derivative(rod, s, jax.tree.map(jnp.multiply, scaled, scale), active)[0]
-        return jax.tree.map(lambda d, unit: d * (end - start) / unit, d_ds, scale)
+        d_ds, *_ = derivative(rod, s, state_of(scaled * units), active)
+        return ravel_pytree(d_ds)[0] * pace
 
     saveat = diffrax.SaveAt(t1=True)
     if points is not None:
@@ -103,7 +113,7 @@ def integrate(
         t0=t0,
         t1=1.0,
         dt0=dt0,
-        y0=jax.tree.map(jnp.divide, state, scale),
+        y0=ravel_pytree(state)[0] / units,
         saveat=saveat,
         stepsize_controller=method.controller,
         adjoint=diffrax.ForwardMode(),  # reverse mode goes through `at_root`, by forward mode
@@ -114,15 +124,14 @@ def integrate(
     ts: Any = solution.ts
     at_end, at_points = (ys, None) if points is None else ys
     reached = ts[-1] if points is None else ts[0][-1]
-    if at_points is not None:
-        at_points = jax.tree.map(lambda y, unit: y * unit, at_points, scale)
+    saved = None if at_points is None else jax.vmap(lambda y: state_of(y * units))(at_points)
     progress = Progress(
         steps=solution.stats["num_steps"],
         finished=solution.result == diffrax.RESULTS.successful,
         folded=(solution.result == diffrax.RESULTS.dt_min_reached) & (not rod.is_rigid),
         stopped_at=start + (end - start) * reached,
     )
-    return Stretch(jax.tree.map(lambda y, unit: y[-1] * unit, at_end, scale), at_points, progress)
+    return Stretch(state_of(at_end[-1] * units), saved, progress)
 
 
 def state_at_tip(rod: Rod, tip_pose: Float[Array, " pose"]) -> RodState:
@@ -134,10 +143,11 @@ def state_at_tip(rod: Rod, tip_pose: Float[Array, " pose"]) -> RodState:
 def _scales(rod: Rod, s: Float[Array, ""]) -> RodState:
     """Units in which the state is integrated, so that one tolerance suits a whale's arm and a needle."""
     length = rod.arm.length
-    bending = stiffness_at(rod.arm, s, 1.0).bending
+    bending = stiffness_at(rod.arm, s).bending
     force = bending / length**2
     levers = tuple(units_of(rod.muscles[i], rod.arm).lever for i in rod.length_controlled) or None
-    return lax.stop_gradient(RodState(length, length, 1.0, 1.0, 1.0, force, force, bending / length, levers))
+    one = jnp.ones(())
+    return lax.stop_gradient(RodState(length, length, one, one, one, force, force, bending / length, levers))
 
 
 def gather(at_points: Any, ends: Float[Array, " stretches+1"], points: Float[Array, " points"]) -> RodState:

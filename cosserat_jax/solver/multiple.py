@@ -334,7 +334,7 @@ def _cut_anew(rod: Rod, nodes: Nodes) -> Nodes:
     first, last = jnp.split(jnp.nan_to_num(jax.vmap(slope)(*at)), 2)
 
     force = jnp.sqrt(physical[:, -3] ** 2 + physical[:, -2] ** 2)
-    bending = jax.vmap(lambda s: stiffness_at(rod.arm, s, 1.0).bending)(s)
+    bending = jax.vmap(lambda s: stiffness_at(rod.arm, s).bending)(s)
     pull = jnp.sqrt(force / bending)
     density = 2 / length + (pull[1:] + pull[:-1]) / 2 + (jnp.abs(first[:, 0]) + jnp.abs(last[:, 0])) / 4
     total = jnp.concatenate([jnp.zeros(1), jnp.cumsum(-step * density)])
@@ -372,7 +372,7 @@ def _intervals(method: Shooting) -> int:
 
 
 def _units(rod: Rod, s: Scalar) -> Float[Array, " size"]:
-    length, bending = rod.arm.length, stiffness_at(rod.arm, s, 1.0).bending
+    length, bending = rod.arm.length, stiffness_at(rod.arm, s).bending
     force, one = bending / length**2, jnp.ones(())
     pose = [one, length, length][: rod.unknowns]
     return lax.stop_gradient(jnp.stack([*pose, force, force, bending / length]))

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
@@ -154,7 +155,7 @@ def _integrate(
     tcam: TCAM, edges: Float[Array, " edges"], pieces: Int[Array, " intervals"], method: TimeStepping, start: TCAMState
 ) -> tuple[TCAMState, Int[Array, ""], Bool[Array, ""]]:
     """The states at the later edge of every interval, the steps taken, and whether all came through."""
-    scale = _scales(tcam)
+    units, state_of = ravel_pytree(_scales(tcam))
     drive = _voltage(tcam)
     longest = lax.stop_gradient(drive.step_limit)
 
@@ -162,10 +163,10 @@ def _integrate(
         begin, end, piece = span
         length = end - begin
 
-        def slope(tau: Any, scaled: Any, _: Any) -> TCAMState:
+        def slope(tau: Any, scaled: Any, _: Any) -> Float[Array, " state"]:
             voltage = drive.on_piece(piece, begin + length * tau)
-            rate = state_rate(tcam, voltage, jax.tree.map(jnp.multiply, scaled, scale))
-            return jax.tree.map(lambda d, unit: d * length / unit, rate, scale)
+            rate = state_rate(tcam, voltage, state_of(scaled * units))
+            return ravel_pytree(rate)[0] * (length / units)
 
         held = lax.stop_gradient(length)
         dtmax = jnp.where(held > 0, longest / jnp.where(held > 0, held, 1.0), 1.0)
@@ -176,14 +177,14 @@ def _integrate(
             t0=t0,
             t1=1.0,
             dt0=dt0,
-            y0=jax.tree.map(jnp.divide, state, scale),
+            y0=ravel_pytree(state)[0] / units,
             stepsize_controller=diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax),
             adjoint=diffrax.ForwardMode(),  # reverse mode goes through `by_forward_mode`
             max_steps=method.max_steps,
             throw=False,
         )
         ys: Any = solution.ys
-        there = jax.tree.map(lambda y, unit: y[-1] * unit, ys, scale)
+        there = state_of(ys[-1] * units)
         return there, (there, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful)
 
     _, (states, steps, finished) = lax.scan(interval, batched_with(tcam, start), (edges[:-1], edges[1:], pieces))

@@ -11,8 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from ..physics.implicit import condition_number
 from ..physics.muscles import active_at
-from ..physics.rod import Rod, derivative, fold_margin
-from ..physics.section import stiffness_at
+from ..physics.rod import Rod, derivative
+from ..physics.section import stiffness_at, stretched
 from ..scene import Scene, SceneError
 from ..scene.quantity import Scalar, as_floats, is_traced
 from . import equilibrium, multiple
@@ -134,10 +134,10 @@ def _solve(scene: Scene, method: Shooting) -> Solution:
 def _fields(rod: Rod, shot: Shot, points: Float[Array, " points"]) -> tuple[Fields, Scalar]:
     """The fields at the points, and how far the volume constraint is from folding there."""
     saved: Any = shot.saved
-    section: Any = jax.vmap(lambda s, state: derivative(rod, s, state, active_at(rod.muscles, s))[1])(points, saved)
+    section: Any
+    section, margin = jax.vmap(lambda s, at: derivative(rod, s, at, active_at(rod.muscles, s))[1:])(points, saved)
     beta = jnp.broadcast_to(section.beta, points.shape)
-    margin = jnp.ones(()) if rod.is_rigid else jax.vmap(partial(fold_margin, rod))(points, saved, section)
-    stiffness = stiffness_at(rod.arm, points, beta)
+    stiffness = stretched(stiffness_at(rod.arm, points), beta)
     area = jnp.pi * (beta * section.radius) ** 2
     fields = Fields(
         s=points,

@@ -100,7 +100,7 @@ def default_limit(scene: Scene, i: int) -> float:
     muscle, arm = scene.muscles[i], scene.arm
     end = float(arm.length if muscle.end is None else muscle.end)
     offset = 0.5 * float(muscle.base_offset + muscle.end_offset)
-    bending = float(stiffness_at(arm, 0.5 * end, 1.0).bending)
+    bending = float(stiffness_at(arm, 0.5 * end).bending)
     half_turn = math.pi * bending / (end * offset) if offset > 0 else math.inf
     return max(half_turn, float(muscle.tension or 0.0))
 
