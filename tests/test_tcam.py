@@ -303,8 +303,10 @@ def test_each_muscle_of_a_batch_has_its_own_outcome():
     assert np.isnan(batch.temperature[2]).all()
 
 
-def test_an_integration_that_does_not_finish_says_so():
-    response = tcam_response(dataclasses.replace(PAPER, damping=1e3), [10.0], dataclasses.replace(QUICK, max_steps=16))
+def test_an_integration_that_does_not_finish_says_so_and_is_not_tried_again_in_later_intervals():
+    method = dataclasses.replace(QUICK, max_steps=16, watch=50)
+    response = tcam_response(dataclasses.replace(PAPER, damping=1e5), [10.0], method)
+    assert response.steps == 16
     assert response.outcome == ResponseOutcome.integration_failed
     assert np.isnan(response.temperature).all()
     assert np.isnan(response.contraction).all()

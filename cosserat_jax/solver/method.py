@@ -4,8 +4,10 @@ import dataclasses
 
 import diffrax
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+import optimistix
+from jaxtyping import Array, Float, PyTree
 
 from ..physics.tcam import fastest_rate
 from ..scene import TCAM
@@ -17,6 +19,13 @@ _LONGEST_STEP = 0.1  # of a segment: longer ones would leave the fields between 
 _INTERVALS = 64  # of multiple shooting
 _PATIENCE = 60  # iterations of single shooting: what takes longer is mostly beyond it
 _FIRST_STEP = 0.1  # of a segment; choosing it from the equations would compile them twice more
+
+
+def error_norm(errors: PyTree) -> Float[Array, ""]:
+    """Root mean square, infinite instead of NaN: a state that is NaN from the start is given up after a few ever
+    shorter steps, where diffrax would take all that it may, and a whole batch would wait for it."""
+    size = optimistix.rms_norm(errors)
+    return jnp.where(jnp.isnan(size), jnp.inf, size)
 
 
 class Shooting(eqx.Module):
@@ -92,7 +101,7 @@ class Shooting(eqx.Module):
             return diffrax.ConstantStepSize()
         longest = None if self.is_multiple else _LONGEST_STEP
         return diffrax.PIDController(
-            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=longest, force_dtmin=False
+            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=longest, force_dtmin=False, norm=error_norm
         )
 
 

@@ -32,7 +32,7 @@ from ..physics.tcam import (
 from ..scene import TCAM, AbstractVoltage, SceneError, Sinusoid, validate_tcam
 from ..scene.quantity import as_floats, concrete
 from .forward import by_forward_mode
-from .method import TimeStepping
+from .method import TimeStepping, error_norm
 from .outcome import ResponseOutcome
 
 
@@ -159,8 +159,8 @@ def _integrate(
     drive = _voltage(tcam)
     longest = lax.stop_gradient(drive.step_limit)
 
-    def interval(state: TCAMState, span: tuple[Array, Array, Array]) -> tuple[TCAMState, tuple]:
-        begin, end, piece = span
+    def interval(carry: tuple[TCAMState, Array], span: tuple[Array, Array, Array]) -> tuple[tuple, tuple]:
+        (state, came_through), (begin, end, piece) = carry, span
         length = end - begin
 
         def slope(tau: Any, scaled: Any, _: Any) -> Float[Array, " state"]:
@@ -170,25 +170,27 @@ def _integrate(
 
         held = lax.stop_gradient(length)
         dtmax = jnp.where(held > 0, longest / jnp.where(held > 0, held, 1.0), 1.0)
-        t0, dt0 = batched_with(state, (0.0, jnp.minimum(dtmax, 1.0)))
+        dt0 = batched_with(state, jnp.minimum(dtmax, 1.0))
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(slope),
             method.solver,
-            t0=t0,
+            t0=jnp.where(came_through, 0.0, 1.0),  # what failed once is not tried in every later interval
             t1=1.0,
             dt0=dt0,
             y0=ravel_pytree(state)[0] / units,
-            stepsize_controller=diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax),
+            stepsize_controller=diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax, norm=error_norm),
             adjoint=diffrax.ForwardMode(),  # reverse mode goes through `by_forward_mode`
             max_steps=method.max_steps,
             throw=False,
         )
         ys: Any = solution.ys
         there = state_of(ys[-1] * units)
-        return there, (there, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful)
+        came_through &= solution.result == diffrax.RESULTS.successful
+        return (there, came_through), (there, solution.stats["num_steps"])
 
-    _, (states, steps, finished) = lax.scan(interval, batched_with(tcam, start), (edges[:-1], edges[1:], pieces))
-    return states, steps.sum(), finished.all()
+    begin = batched_with(tcam, (start, True))
+    (_, came_through), (states, steps) = lax.scan(interval, begin, (edges[:-1], edges[1:], pieces))
+    return states, steps.sum(), came_through
 
 
 def _voltage(tcam: TCAM) -> AbstractVoltage:
