@@ -69,7 +69,7 @@ def batches(scene: Scene) -> None:
         times, one = in_turn(run, partial(solve, scene), repeats=5 if QUICK or grid is LARGE_GRID else 15)
         count = len(grid["muscles.0.tension"]) * len(grid["water.velocity"])
         line(f"{count} rods: trace, lower and compile", f"{first - np.median(times):9.2f} s")
-        line(f"{count} rods in batches of {min(count, 1024)}", spread(times))
+        line(f"{count} rods in batches of {min(count, 256)}", spread(times))
         line("  per rod", spread(times, count), f"{np.median(times) / np.median(one) / count:.4f} of solve(scene)")
 
 

@@ -37,7 +37,7 @@ _MOST_RODS = 1_000_000  # some 10 GB of fields
 @settings_option
 @click.option("--out", metavar="FILE.nc", help="Write netCDF: tip, outcome and fields of every rod.")
 @plot_option
-@click.option("--batch", metavar="N", type=click.IntRange(min=1), default=1024, help="Rods at a time; default: 1024.")
+@click.option("--batch", metavar="N", type=click.IntRange(min=1), default=256, help="Rods at a time; default: 256.")
 @click.option("--resume", is_flag=True, help="Take up where the same command was stopped, to the same bits.")
 def sweep_command(
     name: str,

@@ -50,7 +50,7 @@ def sweep(
     over: Mapping[str, ArrayLike],
     method: Shooting | None = None,
     *,
-    batch: int = 1024,
+    batch: int = 256,
     progress: bool = False,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> Sweep:
