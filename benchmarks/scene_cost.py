@@ -179,7 +179,7 @@ def beside(costs: list[Cost], kind: str) -> dict[str, tuple[float, float]]:
 
 
 def drawn(path: Path, ratios: dict[str, dict[str, tuple[float, float]]]) -> None:
-    """Measured and predicted time in parts of the full scene's; a bar that leaves the panel has its number there."""
+    """Time of a solve in parts of the full scene's; a bar that leaves the panel has its number there."""
     figure = Figure(figsize=(7.4, 1.2 + 0.55 * len(ratios["one"])), layout="constrained")
     looks = {"measured": {"color": "0.25"}, "predicted": {"color": "0.85", "edgecolor": "0.25", "hatch": "///"}}
     for axes, (kind, of_scenes) in zip(figure.subplots(1, 2, sharey=True), ratios.items(), strict=True):
@@ -191,7 +191,7 @@ def drawn(path: Path, ratios: dict[str, dict[str, tuple[float, float]]]) -> None
         axes.set_yticks(np.arange(len(of_scenes)), list(of_scenes))
         axes.axvline(1.0, color="0.5", linewidth=0.8, zorder=0)
         title = "one rod" if kind == "one" else f"batch of {RODS} rods"
-        axes.set(title=title, xlabel="time of a solve / that of the full scene", xlim=(0.0, WIDEST))
+        axes.set(title=title, xlabel="time / full scene's", xlim=(0.0, WIDEST))
         axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
     handles, labels = axes.get_legend_handles_labels()
