@@ -82,5 +82,5 @@ def main(warmup: int, count: int) -> bool:
 if __name__ == "__main__":
     chosen = options("a tenth of the samples")
     print(CLAIM)
-    held = main(100, 50) if chosen.quick else main(300, 1000)
+    held = main(100, 100) if chosen.quick else main(300, 1000)
     print(f"\nThe claim {'held' if held else 'DID NOT HOLD'} in this run.")

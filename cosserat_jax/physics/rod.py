@@ -35,8 +35,8 @@ _VOLUME_TOL = 1e-8  # Newton ends far below this wherever the constraint has a r
 class RodState(NamedTuple):
     """Integrated along s: centerline [m], angle [rad] and director of the section, total force [N] and moment [N m].
 
-    And how much shorter the path of each muscle of given contraction has become from s to its end [m]; None without
-    one, where diffrax would stumble over an empty tuple.
+    And how much shorter the path of each muscle of given contraction has become from s to its end [m]; None where
+    there is none.
     """
 
     x: Scalar

@@ -39,7 +39,7 @@ class LoadRates(NamedTuple):
     moment: Scalar
 
 
-class Stretch(NamedTuple):
+class StretchedSection(NamedTuple):
     """beta and beta_s of a section, its strains, and the distributed force along e1 and e2 and moment on it.
 
     `margin` is dg/dbeta at given load, 1 at rest, 0 where the constraint folds; past a fold g(beta) is not zero.
@@ -54,24 +54,24 @@ class Stretch(NamedTuple):
 
 def stretch_at(
     section: Section, load: SectionLoad, loads_at: Callable[[Strains, Scalar, Scalar], tuple[Forces, LoadRates]]
-) -> Stretch:
+) -> StretchedSection:
     """The stretch of a section; `loads_at` gives what it carries at given strains, beta and beta_s."""
     flat = 0.0 * load.axial  # batched with it, for the loops to come: see `batched_with`
 
-    def constrained(beta_s: Scalar) -> tuple[Stretch, _Slopes]:
+    def constrained(beta_s: Scalar) -> tuple[StretchedSection, _Slopes]:
         beta = _root(section, load, beta_s)
         strains = strains_at(stretched(section.stiffness, beta), load, beta, beta_s)
         slopes = _slopes(section, load, beta, beta_s)
-        return Stretch(beta, beta_s, strains, (flat, flat, flat), slopes.beta), slopes
+        return StretchedSection(beta, beta_s, strains, (flat, flat, flat), slopes.beta), slopes
 
     # with printed tangents beta_s acts on the shear alone
     held = None if load.has_unit_tangents else constrained(flat)
     if held is None:
-        start, slip = Stretch(flat, flat, Strains(flat, flat, flat), (flat, flat, flat), flat), flat
+        start, slip = StretchedSection(flat, flat, Strains(flat, flat, flat), (flat, flat, flat), flat), flat
     else:
         start, slip = held[0], shear_slope(stretched(section.stiffness, held[0].beta), load)
 
-    def refine(_: Any, last: tuple[Stretch, Scalar, Scalar, Scalar]) -> tuple[Stretch, Scalar, Scalar, Scalar]:
+    def refine(_: Any, last: tuple) -> tuple[StretchedSection, Scalar, Scalar, Scalar]:
         stretch, given, before, found_before = last
         if held is None:
             stretch, slopes = constrained(given)
