@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from collocation import reference
+from cosserat_jax.physics.muscles import active_stretches
+from cosserat_jax.physics.section import stiffness_at
 
 from cosserat_jax import Scene
-from cosserat_jax.physics.muscles import active_stretches
 from cosserat_jax.physics.rod import Rod, RodState, derivative
-from cosserat_jax.physics.section import stiffness_at
 
 BATCH = 64
 

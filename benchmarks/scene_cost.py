@@ -29,11 +29,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from cosserat_jax.physics.muscles import active_at
 from matplotlib.figure import Figure
 from timing import in_turn, line, machine, options, spread, stages, table
 
 from cosserat_jax import Scene, Shooting, Solution, Tip, replace, solve
-from cosserat_jax.physics.muscles import active_at
 from cosserat_jax.physics.rod import Rod, RodState, derivative, tip_state
 from cosserat_jax.scene.quantity import as_floats
 

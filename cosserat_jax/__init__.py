@@ -6,6 +6,8 @@ import jax
 
 jax.config.update("jax_enable_x64", True)  # single precision would give wrong numbers, not rough ones
 
+from .physics.loads import AbstractLoad, DeformedSection  # noqa: E402
+from .physics.section_laws import AbstractSectionLaw, ReferenceSection, StrainEnergy  # noqa: E402
 from .physics.tcam import TCAMState, gain_from_formulas, gain_from_measurement  # noqa: E402
 from .scene import (  # noqa: E402
     TCAM,
@@ -30,10 +32,12 @@ from .scene import (  # noqa: E402
     replace,
 )
 from .solver import (  # noqa: E402
+    Automatic,
+    MultipleShooting,
     Outcome,
     Response,
     ResponseOutcome,
-    Shooting,
+    SingleShooting,
     Solution,
     SolveError,
     TimeStepping,
@@ -59,10 +63,11 @@ from .study import (  # noqa: E402
 __version__ = importlib.metadata.version("cosserat_jax")
 
 __all__ = [
-    "TCAM", "Actuation", "Arm", "Calibration", "Gravity", "LinearConductance", "Measurements", "Muscle", "Outcome",
-    "Pulses", "Reach", "ReachOutcome", "Response", "ResponseOutcome", "Sampled", "Scene", "SceneError",
-    "SectionStiffness", "Shooting", "Sinusoid", "Solution", "SolveError", "Step", "Sweep", "TCAMState", "TimeStepping",
-    "Tip", "VoltageFunction", "Water", "Workspace", "actuate", "dumps", "fit", "gain_from_formulas",
-    "gain_from_measurement", "load", "parameters", "presets", "reach", "read_measurements", "replace", "solve", "sweep",
-    "tcam_response", "workspace",
+    "TCAM", "AbstractLoad", "AbstractSectionLaw", "Actuation", "Arm", "Automatic", "Calibration", "DeformedSection",
+    "Gravity", "LinearConductance", "Measurements", "MultipleShooting", "Muscle", "Outcome", "Pulses", "Reach",
+    "ReachOutcome", "ReferenceSection", "Response", "ResponseOutcome", "Sampled", "Scene", "SceneError",
+    "SectionStiffness", "SingleShooting", "Sinusoid", "Solution", "SolveError", "Step", "StrainEnergy", "Sweep",
+    "TCAMState", "TimeStepping", "Tip", "VoltageFunction", "Water", "Workspace", "actuate", "dumps", "fit",
+    "gain_from_formulas", "gain_from_measurement", "load", "parameters", "presets", "reach", "read_measurements",
+    "replace", "solve", "sweep", "tcam_response", "workspace",
 ]  # fmt: skip

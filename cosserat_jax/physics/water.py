@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from ..scene import Water
 from ..scene.quantity import Scalar
-from .loads import AbstractLoad, CrossSection
+from .loads import AbstractLoad, DeformedSection
 
 
 class Flow(AbstractLoad):
@@ -25,7 +25,7 @@ class Flow(AbstractLoad):
     def depends_on_position(self) -> bool:
         return self.water.velocity_gradient is not None
 
-    def per_length(self, section: CrossSection) -> tuple[Scalar, Scalar, Scalar]:
+    def per_length(self, section: DeformedSection) -> tuple[Scalar, Scalar, Scalar]:
         water = self.water
         speed = water.velocity
         if water.velocity_gradient is not None:

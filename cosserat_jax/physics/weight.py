@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..scene.quantity import Scalar
-from .loads import AbstractLoad, CrossSection
+from .loads import AbstractLoad, DeformedSection
 
 
 class Weight(AbstractLoad):
@@ -26,7 +26,7 @@ class Weight(AbstractLoad):
     def depends_on_position(self) -> bool:
         return False
 
-    def per_length(self, section: CrossSection) -> tuple[Scalar, Scalar, Scalar]:
+    def per_length(self, section: DeformedSection) -> tuple[Scalar, Scalar, Scalar]:
         volume = jnp.pi * (section.beta * section.radius) ** 2
         if self.follows_strain:
             volume = volume * section.nu

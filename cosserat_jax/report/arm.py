@@ -7,7 +7,6 @@ director    a = (cos theta, sin theta)  tangent   t = r_s = nu a + eta b
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -16,8 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.transforms import Affine2D, ScaledTranslation
 
-from ..physics.muscles import pull_at
-from ..physics.section import radius_at
+from ..physics.tendon import Tendon
 from ..scene import Arm, Muscle, Scene
 from ..solver import Fields
 
@@ -48,7 +46,8 @@ def length_unit(length: float) -> tuple[float, str]:
 def surfaces(arm: Arm, fields: Fields) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, "points 2"]]:
     """The arm's two surfaces [m], r + beta R b and r - beta R b, in the deformed state."""
     x, y, theta, beta = (np.asarray(part) for part in (fields.x, fields.y, fields.theta, fields.beta))
-    half_width = beta * np.asarray(jax.vmap(lambda s: radius_at(arm, s))(fields.s))
+    part = np.asarray(fields.s) / float(arm.length)
+    half_width = beta * (float(arm.base_radius) * (1 - part) + float(arm.tip_radius) * part)
     return _beside(x, y, theta, half_width), _beside(x, y, theta, -half_width)
 
 
@@ -58,7 +57,7 @@ def muscle_line(muscle: Muscle, arm: Arm, fields: Fields) -> Float[np.ndarray, "
     held = np.asarray(fields.s)
     s = np.append(held[held < end], end)
     x, y, theta, beta = (np.interp(s, held, part) for part in (fields.x, fields.y, fields.theta, fields.beta))
-    offset = np.asarray(jax.vmap(lambda s: pull_at(muscle, arm, s, True, 0.0).offset)(s))
+    offset = np.asarray(Tendon.of(muscle, arm).offset_at(s))
     return _beside(x, y, theta, beta * offset)
 
 

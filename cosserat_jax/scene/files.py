@@ -162,12 +162,12 @@ def _write_table(part: Any, prefix: str, lines: list[str]) -> None:
     nested = []
     for field in dataclasses.fields(part):
         value, rule = getattr(part, field.name), declaration(field)
-        if value is None:
+        if value is None or (isinstance(value, tuple) and not value):
             continue
         if rule is None:
             nested.append((field, value))
         elif isinstance(rule, Function):
-            raise SceneError(f"{prefix}{field.name}: a Python function has no text")
+            raise SceneError(f"{prefix}{field.name}: an object of Python has no text; leave it out of the scene")
         elif isinstance(rule, Series):
             lines.append(f"{field.name} = [{', '.join(_literal(item) for item in value)}]  # {rule.unit}")
         elif isinstance(rule, Choice | Count):

@@ -9,7 +9,7 @@ centerline. Water flows along e1, gravity pulls along -e2. Symbols follow Golest
 "Quasi-static continuum model of octopus-like soft robot arm under water actuated by TCAMs".
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 
@@ -21,6 +21,7 @@ from .quantity import (
     Interval,
     Scalar,
     choice,
+    function,
     quantity,
     vector,
 )
@@ -52,6 +53,7 @@ class Arm(eqx.Module):
       kept; "rigid" is the standard Cosserat rod, beta = 1.
     - `ventral`: the side, +1 (along b) or -1, of the surface that the water meets and on which volume is kept.
     - `stiffness`: a `SectionStiffness` in place of `youngs_modulus` and `poisson_ratio`; the section is then rigid.
+    - `section_law`: an `AbstractSectionLaw` of your own in place of the two, such as a `StrainEnergy`.
     """
 
     length: Scalar = quantity("m", POSITIVE)
@@ -67,6 +69,7 @@ class Arm(eqx.Module):
     )
     ventral: Literal[1, -1] = choice(1, -1, default=1)
     stiffness: SectionStiffness | None = None
+    section_law: Any = function(default=None)
 
 
 class Muscle(eqx.Module):
@@ -131,7 +134,8 @@ class Tip(eqx.Module):
 class Scene(eqx.Module):
     """An arm, its muscles, and the loads on it. Raises `SceneError` where a value that can be looked at is not allowed.
 
-    `water` None is an arm in air, `gravity` None a weightless one, `tip` None a free tip.
+    `water` None is an arm in air, `gravity` None a weightless one, `tip` None a free tip. `loads` are distributed loads
+    of your own, each an `AbstractLoad`.
     """
 
     arm: Arm
@@ -139,6 +143,7 @@ class Scene(eqx.Module):
     water: Water | None = None
     gravity: Gravity | None = None
     tip: Tip | None = None
+    loads: tuple[Any, ...] = function(default=())
 
     def __check_init__(self) -> None:
         validate(self)

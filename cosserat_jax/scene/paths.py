@@ -5,10 +5,11 @@ import difflib
 from collections.abc import Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 
 from .parts import Muscle, Scene
-from .quantity import Choice, Count, Declaration, Function, Quantity, SceneError, Series, declaration
+from .quantity import ANY, Choice, Count, Declaration, Function, Quantity, SceneError, Series, declaration
 from .units import series_to_si, to_si
 
 
@@ -33,6 +34,8 @@ def lookup(scene: Scene, path: str) -> tuple[Any, Declaration]:
         else:
             reason = "this scene has none" if part is None and rule is None else "it has no parts"
             raise SceneError(f"{path}: no such parameter; {here}: {reason}")
+    if rule is None and eqx.is_array_like(part):
+        return part, Quantity("1", ANY)  # of a load or section law of the user's own, which declares no unit
     if rule is None:
         raise SceneError(f"{path}: names a part, not a parameter")
     return part, rule

@@ -5,6 +5,7 @@ checked element by element.
 """
 
 import dataclasses
+import functools as ft
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,6 +23,9 @@ def validate(scene: Any) -> None:
     """Raises `SceneError` for the first value of `scene` that is not allowed."""
     _check_declared(scene)
     _check_material(scene.arm)
+    for i, load in enumerate(scene.loads):
+        if not callable(getattr(load, "per_length", None)):
+            raise SceneError(f"loads.{i}: {load!r} is not allowed; allowed: an AbstractLoad")
     for i, muscle in enumerate(scene.muscles):
         _check_muscle(f"muscles.{i}", muscle, scene.arm)
         _check_source(f"muscles.{i}", muscle)
@@ -35,15 +39,16 @@ def validate_tcam(tcam: TCAM, path: str = "tcam") -> None:
 
 
 def is_allowed(scene: Any) -> Array:
-    """Whether every quantity of `scene` is in its own range, as a value that JAX can trace."""
+    """Whether every quantity of `scene` is in its own range, as a value that JAX can trace; of a batch, element by
+    element."""
     quantities = [(value, declaration(field)) for _, field, value in declared(scene) if value is not None]
     held = [
-        rule.allowed.holds(jnp.asarray(number)).all()
+        rule.allowed.holds(jnp.asarray(number))
         for value, rule in quantities
         if isinstance(rule, Quantity | Series)
         for number in jax.tree.leaves(value)
     ]
-    return jnp.stack(held).all()
+    return ft.reduce(jnp.logical_and, held)
 
 
 def declared(part: Any, prefix: str = "") -> Iterator[tuple[str, dataclasses.Field, Any]]:
@@ -88,10 +93,18 @@ def _check_quantity(path: str, value: Any, rule: Quantity | Series) -> None:
 
 def _check_material(arm: Any) -> None:
     missing = [name for name in ("youngs_modulus", "poisson_ratio") if getattr(arm, name) is None]
-    if arm.stiffness is None and missing:
-        raise SceneError(f"arm.{missing[0]}: missing; give youngs_modulus and poisson_ratio, or a table arm.stiffness")
-    if arm.stiffness is not None and len(missing) < 2:
-        raise SceneError("arm.stiffness: given beside youngs_modulus or poisson_ratio; allowed: the one or the other")
+    instead = [name for name in ("stiffness", "section_law") if getattr(arm, name) is not None]
+    if not instead and missing:
+        raise SceneError(
+            f"arm.{missing[0]}: missing; give youngs_modulus and poisson_ratio, or a table arm.stiffness, "
+            "or in Python a section_law"
+        )
+    if len(instead) == 2:
+        raise SceneError("arm.stiffness: given beside section_law; allowed: the one or the other")
+    if instead and len(missing) < 2:
+        raise SceneError(
+            f"arm.{instead[0]}: given beside youngs_modulus or poisson_ratio; allowed: the one or the other"
+        )
     if arm.stiffness is not None and arm.cross_section != "rigid":
         raise SceneError(
             f"arm.cross_section: {arm.cross_section!r} is not allowed with arm.stiffness; allowed: 'rigid'"

@@ -1,69 +1,105 @@
-"""Derivatives of what is computed at a root, through the equation that the root solves.
+"""The equilibria of a batch of scenes as one differentiable operation, and what is computed there."""
 
-With u(p) the root of E(u, p) = 0 and O(u, p) what is computed there, the implicit function theorem gives
-
-    dO/dp = O_p + O_u du/dp        du/dp = -E_u^-1 E_p
-
-Forward mode with a tangent for each unknown and each parameter that moves gives all four blocks, and so the dense
-Jacobian. It is handed to JAX as a matrix times a tangent, which transposes: reverse mode costs what forward mode
-costs, and no loop is ever run backwards. A rod has few parameters, and their tangents share one vectorised integration.
-Differentiating again differentiates that Jacobian in the same way, so any nesting of forward and reverse works.
-"""
-
+import dataclasses
 import functools as ft
-from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float
+import numpy as np
+from jax.core import ShapedArray
+from jaxtyping import Array
 
-from ..physics.implicit import in_places, solve_columns
-
-Scalars = list[Float[Array, ""]]
-
-
-# (function, root, params, moving) -> function's value and its derivative by params[moving], the root following
-Total = Callable[[Callable, Any, Scalars, tuple[int, ...]], tuple]
-
-
-@ft.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def at_root(function: Callable, total: Total, root: Any, params: Scalars) -> Any:
-    """O of `function(root, params) -> (E, O)`, a pytree of floats, where `root` solves E = 0.
-
-    Derivatives with respect to `params` follow the root, by `total`; with respect to the given `root`, the fruit of a
-    guess, they are zero. `function` and `total` close over no traced value. Where `root` is NaN, so is all of O.
-    """
-    value = function(root, params)[1]
-    # `root` depends on every parameter, so this batches all of O where any is batched, as the derivative's rule does;
-    # JAX takes for granted that the two agree (https://github.com/jax-ml/jax/issues/16374)
-    lost = jnp.isnan(jax.tree.leaves(root)[-1].ravel()[0])
-    return jax.tree.map(lambda leaf: jnp.where(lost, jnp.nan, leaf), value)
+from ..numerics import batching
+from ..physics.rod import Rod
+from ..scene import Scene
+from . import sensitivities
+from .outputs import FIELDS, TIP, Report, Structure, along, arc_lengths, outcome_of
+from .single_shooting import Settings, find
+from .unknowns import Unknowns
 
 
-@ft.partial(at_root.defjvp, symbolic_zeros=True)
-def _derivative(function: Callable, total: Total, primals: tuple, tangents: tuple) -> tuple:
-    root, params = primals
-    moving = tuple(i for i, tangent in enumerate(tangents[1]) if not isinstance(tangent, SymbolicZero))
+@dataclasses.dataclass(frozen=True)
+class Equilibrium(batching.BatchFunction):
+    """From the numbers of the method, the places s / L of the fields, and the floats of a scene to a `Report`."""
 
-    def with_jacobian(root: Any, params: Scalars) -> tuple:
-        (error, value), (_, jacobian) = total(function, root, params, moving)
-        return error, (value, jacobian)
+    structure: Structure
+    chunk: int = 512
 
-    value, jacobian = at_root(with_jacobian, total, root, params)
-    change = jnp.stack([tangents[1][i] for i in moving])
-    return value, jax.tree.map(lambda columns: columns @ change, jacobian)
+    @property
+    def ranks(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return (1, 1, *self.structure.ranks)
+
+    def results(self, *shapes: tuple[int, ...]) -> list[ShapedArray]:
+        scene = self.structure.scene([jax.ShapeDtypeStruct(shape, float) for shape in shapes[2:]])
+        points, muscles = shapes[1][0], len(scene.muscles)
+        n = unknowns_of(scene) + 1
+        floats = [(len(TIP),), (muscles,), (len(FIELDS), points), (n,), (), (), (), (), ()]
+        real, whole = jnp.dtype(float), jnp.dtype(int)
+        return [ShapedArray(shape, real) for shape in floats] + [ShapedArray((), whole)] * 3
+
+    def compute(self, *arguments: Array) -> list[Array]:
+        settings, places, *leaves = arguments
+        batch = next(a.shape[-1] for a, r in zip(arguments, self.ranks, strict=True) if a.ndim > r)
+        scene = self.structure.scene(leaves)
+        coarse, error, newton_tol, max_iterations, min_load_step = (settings[i] for i in range(5))
+        given = Settings(coarse, settings[5:], error, newton_tol, max_iterations, min_load_step)
+        found = find(scene, given, self.structure.tableau, self.structure.most, batch)
+        rod, trajectory, n = found.rod, found.trajectory, len(found.unknowns)
+        s = arc_lengths(places, rod.length, batch)
+        # the tip is looked at beside the points
+        tip_s = jnp.broadcast_to(jnp.asarray(rod.length, float), s.shape[1:])[None]
+        values, margin, defect = along(rod, trajectory, jnp.concatenate([s, tip_s]), batch)
+        fields, at_tip = values[:, :-1], values[:, -1]
+        tip = at_tip[jnp.array([FIELDS.index(name) for name in TIP])]
+        tensions = Unknowns.of(rod).tensions(rod, trajectory.base.shortenings, (batch,))
+
+        outcome, failed_at, condition = outcome_of(
+            rod, found.outcome, values[0], margin, defect, found.residual, found.error, error, found.jacobian
+        )
+        known = jnp.where(outcome == 0, 1.0, jnp.nan)
+        root = jnp.concatenate([found.unknowns, jnp.broadcast_to(found.steps, (1, batch))])
+        whole = [jnp.broadcast_to(a, (batch,)).astype(int) for a in (outcome, found.iterations, found.steps)]
+        return [
+            tip * known, tensions * known, fields * known, root * known, found.residual, found.error, condition,
+            found.load_fraction, failed_at, *whole,
+        ]  # fmt: skip
 
 
-def total_rates(function: Callable, root: Float[Array, " unknowns"], params: Scalars, moving: tuple[int, ...]) -> tuple:
-    """Of a vector of unknowns, in one pass: (E, O) and their derivatives, the moving parameters on the last axis."""
+def unknowns_of(scene: Scene) -> int:
+    """How many unknowns shooting has."""
+    rod = eqx.filter_eval_shape(Rod.of, scene)
+    return (3 if rod.depends_on_position else 1) + len(rod.displaced)
 
-    def of(both: Array) -> tuple[tuple, tuple]:
-        result = function(both[: root.size], in_places(params, moving, both[root.size :]))
-        return result, result
 
-    at = jnp.concatenate([root, jnp.stack([params[i] for i in moving])])
-    rates, result = jax.jacfwd(of, has_aux=True)(at)
-    root_rates = -solve_columns(rates[0][:, : root.size], rates[0][:, root.size :])
-    return result, jax.tree.map(lambda rate: rate[..., root.size :] + rate[..., : root.size] @ root_rates, rates)
+@ft.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def equilibrium(structure: Structure, settings: Array, places: Array, leaves: list[Array]) -> Report:
+    """The `Report` of the scene with these floats; derivatives are those of the implicit function theorem."""
+    return Report(*batching.apply(Equilibrium(structure), settings, places, *leaves))
+
+
+@equilibrium.defjvp
+def _derivative(structure: Structure, primals: tuple, tangents: tuple) -> tuple:
+    settings, places, leaves = primals
+    report = equilibrium(structure, settings, places, leaves)
+    changes = [jnp.asarray(change) for change in tangents[2]]
+    vector = jnp.concatenate([jnp.reshape(change, -1) for change in changes])[None]
+
+    def along(part: str) -> Array:
+        function = sensitivities.Tangent(structure, part)
+        (change,) = batching.apply(function, places, report.root, *leaves, vector)
+        return change[0]
+
+    tip, tensions, unknowns = jnp.split(along("tip"), [len(TIP), len(TIP) + len(report.tensions)])
+    return report, jax.tree.map(_no_change, report)._replace(
+        tip=tip,
+        tensions=tensions,
+        fields=along("fields").reshape(report.fields.shape),
+        root=jnp.concatenate([unknowns, jnp.zeros(1)]),
+    )
+
+
+def _no_change(leaf: Array) -> Any:
+    is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
+    return jnp.zeros_like(leaf) if is_float else np.zeros(leaf.shape, jax.dtypes.float0)

@@ -1,156 +1,124 @@
-"""Integrates the rod with diffrax from the tip, where its loads are known, to the base."""
+"""Integrates the rod with diffrax from the tip, where its loads are known, to the base.
+
+Each segment between tendon ends is integrated on its own, so that no step straddles the end of a tendon; all segments
+share one compiled integration. Its steps are equal in tau from 0 to 1, with
+
+    s = start + (end - start) tau / (q + (1 - q) tau)        q = (R(end) / R(start))^0.35
+
+so that they are short where the arm is thin: ds/dtau grows with R^0.7.
+"""
 
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..physics.implicit import batched_with
-from ..physics.lengths import units_of
-from ..physics.muscles import active_stretches
-from ..physics.rod import Rod, RodState, derivative, tip_state
-from ..physics.section import stiffness_at
-from .method import Shooting
+from ..numerics.runge_kutta import Nodes, Tableau, dense_output
+from ..numerics.runge_kutta import integrate as integrate_equal_steps
+from ..physics.rod import Rod, RodState, derivative, restarted
+from ..physics.segments import segments_of
+from ..scene.quantity import Scalar
+
+_GRADING = 0.35
 
 
-class Progress(NamedTuple):
-    """How an integration went: its steps, and whether it came through.
+class Segment(NamedTuple):
+    """From s = `start` down to `end` [m]; which tendons are active; q, see above."""
 
-    Where it did not, `stopped_at` is the arc length [m] that it reached, and `folded` whether the volume constraint,
-    which has no solution from there on, is why.
-    """
+    start: Array
+    end: Array
+    active: tuple[Bool[Array, "..."], ...]
+    grading: Array
 
-    steps: Int[Array, "..."]
-    finished: Bool[Array, "..."]
-    folded: Bool[Array, "..."]
-    stopped_at: Float[Array, "..."]
+    def place(self, tau: Any) -> tuple[Array, Array]:
+        """s and ds/dtau at tau."""
+        spread = self.grading + (1 - self.grading) * tau
+        s = self.start + (self.end - self.start) * (tau / spread)
+        return s, (self.end - self.start) * (self.grading / (spread * spread))
 
-    def over_all(self) -> "Progress":
-        """That of several stretches, from the tip to the base, taken together."""
-        stopped_at = self.stopped_at[jnp.argmax(~self.finished)]  # of the first that did not come through
-        return Progress(self.steps.sum(), self.finished.all(), self.folded.any(), stopped_at)
-
-
-class Stretch(NamedTuple):
-    """The integration of a part of the rod in which no muscle ends: the states at its end and at asked points."""
-
-    end: RodState
-    saved: RodState | None
-    progress: Progress
+    def tau(self, s: Any) -> Array:
+        """tau at s, 0 or 1 beyond the ends."""
+        length = jnp.where(self.start > self.end, self.start - self.end, 1.0)  # one between equal ends has none
+        part = jnp.clip((self.start - s) / length, 0.0, 1.0)
+        return part * self.grading / (1 - part * (1 - self.grading))
 
 
-class Shot(NamedTuple):
-    """The integration of the whole rod: the states at the base and at asked points."""
+class Trajectory(NamedTuple):
+    """The integration of the whole rod: what each segment holds for dense output, segments first, and the base."""
 
+    nodes: Nodes
     base: RodState
-    saved: RodState | None
-    progress: Progress
 
 
-def shoot(
-    rod: Rod,
-    tip_pose: Float[Array, " pose"],
-    method: Shooting,
-    points: Float[Array, " points"] | None = None,
-) -> Shot:
-    """Integrates from the tip at `tip_pose`, (theta,) or (theta, x / L, y / L), to the base.
-
-    Each stretch between muscle ends is integrated on its own, so that no step straddles the end of a muscle; all
-    stretches share one compiled integration. `points` are arc lengths in ascending order at which the state is kept.
-    """
-    ends, active = active_stretches(rod.muscles, rod.arm)
-
-    def onward(state: RodState, span: tuple[Array, Array, Array]) -> tuple[RodState, Stretch]:
-        start, end, active = span
-        stretch = integrate(rod, state, start, end, active, method, points)
-        return stretch.end, stretch
-
-    at_tip = batched_with(tip_pose, state_at_tip(rod, tip_pose))
-    spans = ends[:-1], ends[1:], active
-    if len(active) == 1:  # without a loop, which JAX would differentiate and batch by tracing it again
-        base, stretch = onward(at_tip, jax.tree.map(lambda leaf: leaf[0], spans))
-        stretches = jax.tree.map(lambda leaf: leaf[None], stretch)
-    else:
-        base, stretches = lax.scan(onward, at_tip, spans)
-    saved = None if points is None else gather(stretches.saved, ends, points)
-    return Shot(base, saved, stretches.progress.over_all())
+def segments(rod: Rod, cuts: Float[Array, " cuts"] | None = None) -> Segment:
+    """All segments of the rod, from the tip to the base, on the first axis."""
+    places, active = segments_of(rod.tendons, rod.length, cuts)
+    start, end = places[:-1], places[1:]
+    return Segment(start, end, active, graded(rod, start, end))
 
 
-def integrate(
-    rod: Rod,
-    state: RodState,
-    start: Float[Array, ""],
-    end: Float[Array, ""],
-    active: Bool[Array, " muscles"],
-    method: Shooting,
-    points: Float[Array, " points"] | None = None,
-) -> Stretch:
-    """Integrates from `state` at s = `start` down to s = `end`, mapped to tau in [0, 1], with these muscles active.
-
-    diffrax carries the state as one vector: its bookkeeping, once for each array, is half of what there is to compile.
-    """
-    units, state_of = ravel_pytree(_scales(rod, start))
-    pace = (end - start) / units
-
-    def slope(tau: Any, scaled: Any, _: Any) -> Float[Array, " state"]:
-        s = start + (end - start) * tau
-        d_ds, *_ = derivative(rod, s, state_of(scaled * units), active)
-        return ravel_pytree(d_ds)[0] * pace
-
-    saveat = diffrax.SaveAt(t1=True)
-    if points is not None:
-        length = jnp.where(start > end, start - end, 1.0)  # a stretch between equal ends has none
-        asked = jnp.clip((start - points[::-1]) / length, 0.0, 1.0)
-        saveat = diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), diffrax.SubSaveAt(ts=asked)])
-    t0, dt0 = batched_with(state.theta, (0.0, method.first_step))
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(slope),
-        method.solver,
-        t0=t0,
-        t1=1.0,
-        dt0=dt0,
-        y0=ravel_pytree(state)[0] / units,
-        saveat=saveat,
-        stepsize_controller=method.controller,
-        adjoint=diffrax.ForwardMode(),  # reverse mode goes through `at_root`, by forward mode
-        max_steps=method.max_steps if method.steps is None else method.steps,
-        throw=False,
-    )
-    ys: Any = solution.ys
-    ts: Any = solution.ts
-    at_end, at_points = (ys, None) if points is None else ys
-    reached = ts[-1] if points is None else ts[0][-1]
-    saved = None if at_points is None else jax.vmap(lambda y: state_of(y * units))(at_points)
-    progress = Progress(
-        steps=solution.stats["num_steps"],
-        finished=solution.result == diffrax.RESULTS.successful,
-        folded=(solution.result == diffrax.RESULTS.dt_min_reached) & (not rod.is_rigid),
-        stopped_at=start + (end - start) * reached,
-    )
-    return Stretch(state_of(at_end[-1] * units), saved, progress)
+def graded(rod: Rod, start: Array, end: Array) -> Array:
+    """q of segments with these ends; no derivative goes through it."""
+    return lax.stop_gradient(jnp.abs(rod.radius_at(end) / rod.radius_at(start))) ** _GRADING
 
 
-def state_at_tip(rod: Rod, tip_pose: Float[Array, " pose"]) -> RodState:
-    """The state at s = L for a pose of the tip; where no load asks for its place, that is the origin."""
-    x, y = tip_pose[1:] * rod.arm.length if rod.depends_on_position else jnp.zeros(2)
-    return tip_state(rod, x, y, tip_pose[0])
+def slope_of(rod: Rod, segment: Segment) -> Any:
+    """d(state)/dtau as a function of tau and the state."""
+
+    def slope(tau: Any, state: RodState) -> RodState:
+        s, rate = segment.place(tau)
+        d_ds, *_ = derivative(rod, s, state, segment.active)
+        return jax.tree.map(lambda u, d: jnp.broadcast_to(d * rate, u.shape), state, d_ds)
+
+    return slope
 
 
-def _scales(rod: Rod, s: Float[Array, ""]) -> RodState:
-    """Units in which the state is integrated, so that one tolerance suits a whale's arm and a needle."""
-    length = rod.arm.length
-    bending = stiffness_at(rod.arm, s).bending
-    force = bending / length**2
-    levers = tuple(units_of(rod.muscles[i], rod.arm).lever for i in rod.length_controlled) or None
-    one = jnp.ones(())
-    return lax.stop_gradient(RodState(length, length, one, one, one, force, force, bending / length, levers))
+def integrate(rod: Rod, state: RodState, segment: Segment, tableau: Tableau, count: Int[Array, ""], most: int) -> Nodes:
+    """Integrates one segment in `count` steps, at most `most`, from the state where it starts; see `restarted`."""
+    return integrate_equal_steps(slope_of(rod, segment), tableau, state, count, most)
 
 
-def gather(at_points: Any, ends: Float[Array, " stretches+1"], points: Float[Array, " points"]) -> RodState:
-    """Of the states saved in every stretch, those of the stretch in which each point lies, the lower at its end."""
-    stretch = jnp.sum(points[:, None] <= ends[None, 1:-1], axis=1)
-    return jax.tree.map(lambda y: y[:, ::-1][stretch, jnp.arange(len(points))], at_points)
+def shoot(rod: Rod, at_tip: RodState, tableau: Tableau, count: Int[Array, ""], most: int) -> Trajectory:
+    """Integrates from the tip to the base."""
+    spans = segments(rod)
+
+    def onward(state: RodState, segment: Segment) -> tuple[RodState, Nodes]:
+        state = restarted(rod, segment.start, state, segment.active)
+        nodes = integrate(rod, state, segment, tableau, count, most)
+        return nodes.end, nodes
+
+    if len(spans.start) == 1:
+        base, nodes = onward(at_tip, jax.tree.map(lambda leaf: leaf[0], spans))
+        return Trajectory(jax.tree.map(lambda leaf: leaf[None], nodes), base)
+    base, nodes = lax.scan(onward, at_tip, spans)
+    return Trajectory(nodes, base)
+
+
+def states_at(rod: Rod, trajectory: Trajectory, s: Float[Array, "points ..."]) -> tuple[RodState, Segment]:
+    """The states at arc lengths `s` [m] from the base to the tip, and the segment in which each lies, the lower at its
+    end."""
+    spans = segments(rod)
+    nodes = trajectory.nodes
+    places = spans.end[:-1]
+    if s.ndim < places.ndim:
+        s = s[:, None]
+    which = (s[None] <= places[:, None]).sum(0)
+
+    def taken(values: Array) -> Array:
+        if len(values) == 1:
+            return values[0]
+        if values.ndim == which.ndim == 2:
+            return jnp.take_along_axis(values, which, axis=0)
+        if values.ndim == 1:
+            return values[which]
+        return jnp.take_along_axis(values, which[..., None] if which.ndim == 1 else which, axis=0)
+
+    here = jax.tree.map(taken, spans)
+    return dense_output(nodes, here.tau(s), which), here
+
+
+def section_at(rod: Rod, s: Scalar, state: RodState, segment: Segment) -> Any:
+    """The deformed section at `s` and the margin of the volume constraint there."""
+    return derivative(rod, s, state, segment.active)[1:]

@@ -1,6 +1,6 @@
-"""How to solve: the integrators with their tolerances, along the arm and in time, and the shooting method."""
+"""How to solve: single and multiple shooting along the arm, adaptive steps in time."""
 
-import dataclasses
+import functools as ft
 
 import diffrax
 import equinox as eqx
@@ -9,16 +9,12 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float, PyTree
 
+from ..numerics.runge_kutta import Tableau
 from ..physics.tcam import fastest_rate
 from ..scene import TCAM
 from ..scene.quantity import concrete
 
-_SMALLEST_STEP = 1e-6  # of a segment: shorter steps are taken only where the section law has no solution
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
-_LONGEST_STEP = 0.1  # of a segment: longer ones would leave the fields between two steps less accurate than the tip
-_INTERVALS = 64  # of multiple shooting
-_PATIENCE = 60  # iterations of single shooting: what takes longer is mostly beyond it
-_FIRST_STEP = 0.1  # of a segment; choosing it from the equations would compile them twice more
 
 
 def error_norm(errors: PyTree) -> Float[Array, ""]:
@@ -28,81 +24,93 @@ def error_norm(errors: PyTree) -> Float[Array, ""]:
     return jnp.where(jnp.isnan(size), jnp.inf, size)
 
 
-class Shooting(eqx.Module):
-    """Integration from tip to base with diffrax, closed by Newton, with the loads raised in steps where that is needed.
+class SingleShooting(eqx.Module):
+    """Integration from tip to base in equal steps, closed by Newton, the loads raised in steps where that is needed.
 
-    - `solver`: any diffrax solver for ODEs.
-    - `rtol`, `atol`: tolerances of the adaptive steps. The state is scaled for them by the bending stiffness EJ of the
-      section where a segment starts: forces by EJ / L^2, moments by EJ / L, positions by L.
-    - `steps`: a number of equal steps in each segment instead of adaptive ones.
-    - `intervals`: 1 is single shooting, whose unknown is the pose of the tip (and the tension of every muscle whose
-      contraction is given, in all that follows). More is multiple shooting, which cuts the
-      arm into that many intervals, short where its state changes fast, with the state at every cut unknown: slower, and
-      not impressed by an arm pulled taut. None is single shooting, and multiple shooting with 64 intervals for a rod
-      that single shooting did not solve; the choice is made in Python, so it asks for values that JAX is not tracing:
-      under `jit` and `vmap`, None is 1. (`sweep` and `actuate` choose for each rod.)
-    - `max_steps`: the most steps in a segment before the outcome is `integration_failed`.
-    - `newton_tol`: Newton stops after a step below this, in radians and lengths; its own error is the square of that.
-    - `max_iterations`: integrations, over all load steps, before the outcome is `iterations_exhausted`.
+    - `error`: the error of the tip's pose asked for, in radians and lengths of the arm. It is estimated from the
+      difference between two numbers of steps; a rod above it has the outcome `inaccurate`.
+    - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; at least four each.
+    - `coarse_steps`: of the grid on which the branch is followed in the load, before it is polished on those of `steps`.
+    - `newton_tol`: Newton stops on the coarse grid after a step below this, in radians and lengths; what is left is
+      polished on the finer ones.
+    - `max_iterations`: Newton steps, over all load steps, before the outcome is `iterations_exhausted`.
     - `min_load_step`: fraction of the load reached below which a load step is given up as standing before a limit.
-    - `points`: at which points the solution holds its fields: a number of equally spaced ones from s = 0 to L, or a
-      tuple of their places s / L, ascending from 0 to 1.
+    - `solver`: any explicit Runge-Kutta method of diffrax, for its coefficients.
 
-    The default, Dopri8 (Prince & Dormand 1981) with adaptive steps at 1e-9, is chosen from error against run time
-    (`benchmarks/error_vs_runtime.py`: four scenes, one rod and 64, ten kinds of steps). It leaves errors of 1e-12 to
-    6e-10 lengths in the tip and 2e-10 to 6e-9 in the fields, and no run that left no more took less than 0.62 of its
-    time. Tsit5 or Dopri5 at 1e-7 take a third to over half of it for errors of 2e-8 to 2e-6 in the fields. The implicit
-    Kvaerno5 takes over ten times as long at equal error, and four times as long to compile.
+    All but the solver and the largest number of steps are data to the compiled program. The defaults are chosen from
+    error against run time, see `benchmarks/error_vs_runtime.py`: Dopri8 (Prince & Dormand, "High order embedded
+    Runge-Kutta formulae", 1981) leaves 4e-9 lengths in ten steps of the paper's arm.
     """
 
-    solver: diffrax.AbstractSolver = diffrax.Dopri8()
-    rtol: float = eqx.field(static=True, default=1e-9)
-    atol: float = eqx.field(static=True, default=1e-9)
-    steps: int | None = eqx.field(static=True, default=None)
-    intervals: int | None = eqx.field(static=True, default=None)
-    max_steps: int = eqx.field(static=True, default=4096)
+    error: float = eqx.field(static=True, default=1e-8)
+    steps: tuple[int, ...] = eqx.field(static=True, default=(6, 10, 14, 20))
+    coarse_steps: int = eqx.field(static=True, default=3)
+    newton_tol: float = eqx.field(static=True, default=1e-3)
+    max_iterations: int = eqx.field(static=True, default=60)
+    min_load_step: float = eqx.field(static=True, default=1e-4)
+    solver: diffrax.AbstractERK = diffrax.Dopri8()
+
+    def __check_init__(self) -> None:
+        if len(self.steps) < 2 or min(self.steps) < 4 or list(self.steps) != sorted(set(self.steps)):
+            raise ValueError(f"steps must be at least two growing numbers from 4 on, but are {self.steps}")
+
+    @property
+    def settings(self) -> Float[np.ndarray, " settings"]:
+        """What is data to the compiled program."""
+        numbers = (self.coarse_steps, self.error, self.newton_tol, self.max_iterations, self.min_load_step)
+        return np.array([*numbers, *self.steps], float)
+
+
+class MultipleShooting(eqx.Module):
+    """The arm cut into intervals, short where its state changes fast, with the state at every cut unknown: slower than
+    single shooting, and not impressed by an ill-conditioned arm under high axial tension.
+
+    - `intervals`: how many. `steps`: equal steps in each; the error is estimated against half as many.
+    - `error`, `newton_tol`, `max_iterations`, `min_load_step`, `solver`: as of `SingleShooting`.
+    """
+
+    intervals: int = eqx.field(static=True, default=64)
+    steps: int = eqx.field(static=True, default=4)
+    error: float = eqx.field(static=True, default=1e-8)
     newton_tol: float = eqx.field(static=True, default=1e-6)
     max_iterations: int = eqx.field(static=True, default=400)
     min_load_step: float = eqx.field(static=True, default=1e-4)
-    points: int | tuple[float, ...] = eqx.field(static=True, default=101)
+    solver: diffrax.AbstractERK = diffrax.Dopri8()
+
+
+class Automatic(eqx.Module):
+    """What `solve` and `sweep` do by default: `methods` in turn, each for the rods that the one before did not solve.
+
+    First single shooting; for what that loses, single shooting on finer grids; for what that loses, multiple shooting.
+    Which rods are lost is looked at in Python, so where JAX is tracing, as under `jit` and `vmap`, only the first of
+    the methods is used. `error` [rad, lengths of the arm] is the one number that sets how accurate all of them are.
+    """
+
+    error: float = eqx.field(static=True, default=1e-8)
 
     @property
-    def places(self) -> Float[np.ndarray, " points"]:
-        """The places s / L of the points."""
-        return np.linspace(0.0, 1.0, self.points) if isinstance(self.points, int) else np.array(self.points)
-
-    @property
-    def is_multiple(self) -> bool:
-        """Whether the arm is cut into intervals."""
-        return self.intervals is not None and self.intervals > 1
-
-    @property
-    def single(self) -> "Shooting":
-        """The same by single shooting, which does not try for long where multiple shooting can follow."""
-        patience = min(self.max_iterations, _PATIENCE)
-        return self if self.intervals is not None else dataclasses.replace(self, intervals=1, max_iterations=patience)
-
-    @property
-    def multiple(self) -> "Shooting":
-        """The same by multiple shooting, for a rod that single shooting did not solve."""
-        return dataclasses.replace(self, intervals=_INTERVALS)
-
-    @property
-    def first_step(self) -> float:
-        """The length of the first step tried, of a segment or interval."""
-        if self.steps is not None:
-            return 1.0 / self.steps
-        return 1.0 if self.is_multiple else _FIRST_STEP
-
-    @property
-    def controller(self) -> diffrax.AbstractStepSizeController:
-        """The step-size controller that these tolerances ask for."""
-        if self.steps is not None:
-            return diffrax.ConstantStepSize()
-        longest = None if self.is_multiple else _LONGEST_STEP
-        return diffrax.PIDController(
-            rtol=self.rtol, atol=self.atol, dtmin=_SMALLEST_STEP, dtmax=longest, force_dtmin=False, norm=error_norm
+    def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting]:
+        """The methods, in turn."""
+        return (
+            SingleShooting(self.error),
+            SingleShooting(self.error, steps=(14, 20), coarse_steps=8),
+            MultipleShooting(error=self.error),
         )
+
+
+@ft.lru_cache
+def tableau_of(solver: diffrax.AbstractERK) -> Tableau:
+    """The coefficients of a Runge-Kutta method."""
+    return Tableau.of(solver)
+
+
+Method = SingleShooting | MultipleShooting | Automatic
+
+
+def methods_of(method: Method | None) -> tuple[SingleShooting | MultipleShooting, ...]:
+    """The methods to try in turn; None is `Automatic()`."""
+    method = Automatic() if method is None else method
+    return method.methods if isinstance(method, Automatic) else (method,)
 
 
 class TimeStepping(eqx.Module):

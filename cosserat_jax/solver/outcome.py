@@ -1,6 +1,9 @@
 """What came of a solve, as data: a rod in a batch carries its own."""
 
+from typing import Any
+
 import equinox as eqx
+from jaxtyping import Array, Int
 
 
 class Outcome(eqx.Enumeration):
@@ -17,6 +20,10 @@ class Outcome(eqx.Enumeration):
     ill_conditioned = (
         "single shooting loses the equilibrium, as that of a soft arm pulled taut, for which double precision holds no "
         "pose of the tip that meets the base; use Shooting(intervals=64), as solve and sweep do outside jit and vmap"
+    )
+    inaccurate = (
+        "the equilibrium is found, but the error of the integration is estimated above the one asked for; give more steps "
+        "or a larger error"
     )
     integration_failed = (
         "the integration along the arm is too stiff to finish; raise max_steps, loosen rtol and atol, or lower the load"
@@ -50,3 +57,14 @@ class ResponseOutcome(eqx.Enumeration):
 def outcome_codes(kind: type[eqx.Enumeration] = Outcome) -> dict[str, int]:
     """The members of `Outcome`, or of `kind`, by name, each with the integer that stands for it in an array."""
     return {name: int(item._value) for name, item in kind._name_to_item.items()}
+
+
+def code_of(outcome: Any) -> int:
+    """The integer that stands for a member of an enumeration in an array."""
+    return int(outcome._value)
+
+
+def from_codes(kind: type[eqx.Enumeration], codes: Int[Array, "..."]) -> Any:
+    """The members of `kind` that these integers stand for."""
+    item: Any = next(iter(kind._name_to_item.values()))
+    return eqx.tree_at(lambda item: item._value, item, codes)

@@ -58,6 +58,7 @@ class Solution(eqx.Module):
     - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm; and
       of given contractions, over the lever of the muscle (see `physics.lengths`).
       With multiple shooting, if it is larger, the largest gap between two intervals.
+    - `error`: estimated, of the tip's pose, from the difference between two numbers of steps [rad, lengths].
     - `condition`: max(1, |A|) max(1, |A^-1|), A the Jacobian of the equation that clamps the base. In single shooting A
       is d(pose of the base)/d(pose of the tip): as many of the 16 digits are lost as this has. Large where the tip's
       pose is amplified, as in an arm pulled taut, and near a limit point.
@@ -72,6 +73,7 @@ class Solution(eqx.Module):
     fields: Fields
     outcome: Outcome
     residual: Float[Array, "..."]
+    error: Float[Array, "..."]
     condition: Float[Array, "..."]
     iterations: Int[Array, "..."]
     steps: Int[Array, "..."]

@@ -1,63 +1,68 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
-from functools import partial
+import functools as ft
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from ..physics.implicit import condition_number
-from ..physics.muscles import active_at
-from ..physics.rod import Rod, derivative
-from ..physics.section import stiffness_at, stretched
 from ..scene import Scene, SceneError
-from ..scene.quantity import Scalar, as_floats, is_traced
-from . import equilibrium, multiple
-from .equilibrium import at_root
-from .integrate import Shot, shoot
-from .method import Shooting
-from .multiple import find_nodes, shoot_between
-from .outcome import Outcome
-from .shooting import base_error, find_tip_pose, split
+from ..scene.quantity import as_floats, is_traced
+from .equilibrium import equilibrium
+from .method import Method, MultipleShooting, SingleShooting, methods_of, tableau_of
+from .multiple_shooting import multiple_shooting
+from .outcome import Outcome, code_of, from_codes
+from .outputs import FIELDS, TIP, Report, Structure
 from .solution import Fields, Pose, SectionStrains, Solution
-from .tensions import pulled, tensions_of
 
-_ACCEPTED_RESIDUAL = 1e-7
-_SINGULAR = 1e5  # norm of the inverse of the clamp's Jacobian from which the arm counts as standing at a limit point
-_FOLDING = 1e-3  # d(volume)/d(beta), 1 at rest and 0 at a fold, below which the constraint counts as folded
+_UNSOLVABLE = (code_of(Outcome.converged), code_of(Outcome.bad_input), code_of(Outcome.muscles_redundant))
 
 
 class SolveError(RuntimeError):
     """A rod has no solution; the message says why and what to do."""
 
 
-def solve(scene: Scene, method: Shooting | None = None, *, throw: bool = True) -> Solution:
+def solve(
+    scene: Scene, method: Method | None = None, *, points: int | tuple[float, ...] = 101, throw: bool = True
+) -> Solution:
     """The static equilibrium of `scene` that raising all its loads in proportion from zero leads to.
 
-    Works under `jax.jit`, `vmap`, `grad`, `jacfwd` and any nesting of them; derivatives with respect to every float of
-    the scene are those of the implicit function theorem. `method` is a `Shooting`, by default `Shooting()`: single
-    shooting, and where that loses the equilibrium multiple shooting, but under `jit` and `vmap` only what the method
-    says.
+    Under `jit` and `vmap` only the first method of `Automatic` is used, single shooting, for it needs values to know
+    which rods that has lost. Otherwise `solve` does the same under `jax.jit`, `vmap`, `grad`, `jacfwd` and any nesting
+    of them; derivatives with respect to every float of the scene are those of the implicit function theorem, forward
+    for a few directions and backward, by the discrete adjoint, at a cost that the number of parameters does not change.
 
-    Raises `SolveError` with the outcome's sentence if the rod has no solution, unless `throw` is False. While JAX is
-    tracing nothing can raise: look at `Solution.outcome`, and expect NaN in a rod that has no solution and in its
-    derivatives.
-    Raises `RuntimeError` if double precision is off, and `SceneError` for a scene with a muscle that a TCAM drives: its
-    tension changes with time, which is what `actuate` is for.
+    **Arguments:**
+
+    - `scene`: the arm, its muscles and loads.
+    - `method`: a `SingleShooting`, a `MultipleShooting`, or by default `Automatic()`.
+    - `points`: where the solution holds its fields: a number of equally spaced points from s = 0 to L, or a tuple of
+      places s / L, ascending from 0 to 1.
+    - `throw`: whether to raise if the rod has no solution. While JAX is tracing nothing can raise: look at
+      `Solution.outcome`, and expect NaN in a rod that has no solution and in its derivatives.
+
+    **Returns:** a `Solution`.
+
+    **Raises:** `SolveError` with the outcome's sentence if the rod has no solution; `RuntimeError` if double precision
+    is off; `SceneError` for a scene with a muscle that a TCAM drives: its tension changes with time, which is what
+    `actuate` is for.
     """
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     check_steady(scene)
-    scene, method = as_floats(scene), Shooting() if method is None else method
+    methods = methods_of(method)
+    places = places_of(points)
     if is_traced(scene):
-        return _solve(scene, method)
-    solution = _solve(scene, method.single)
-    if needs_multiple_shooting(solution, method):
-        solution = _solve(scene, method.multiple)
-    if throw and lax.stop_gradient(solution.outcome._value) != Outcome.converged._value:
+        return solve_once(as_floats(scene), methods[0], places)
+    solution = solve_once(scene, methods[0], places)
+    for harder in methods[1:]:
+        if not is_lost(solution):
+            break
+        solution = solve_once(scene, harder, places)
+    if throw and int(lax.stop_gradient(solution.outcome._value)) != 0:
         raise SolveError(solution.message)
     return solution
 
@@ -69,90 +74,79 @@ def check_steady(scene: Scene) -> None:
             raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
 
 
-def needs_multiple_shooting(solution: Solution, method: Shooting) -> Bool[Array, "..."]:
-    """Which rods single shooting did not solve, where `method` leaves it to us what to do about them."""
-    lost = ~solution.converged & (solution.outcome != Outcome.bad_input)
-    return lax.stop_gradient(lost & (method.intervals is None))
+def places_of(points: int | tuple[float, ...]) -> Float[np.ndarray, " points"]:
+    """The places s / L at which a solution holds its fields."""
+    places = np.linspace(0.0, 1.0, points) if isinstance(points, int) else np.array(points, float)
+    if places.ndim != 1 or places.size == 0 or not ((places >= 0) & (places <= 1)).all() or (np.diff(places) < 0).any():
+        raise ValueError(f"points must be a positive number or ascending places s / L from 0 to 1, but are {points}")
+    return places
 
 
-@eqx.filter_jit
-def _solve(scene: Scene, method: Shooting) -> Solution:
-    params, tree = jax.tree.flatten(scene)
+def is_lost(solution: Solution) -> Any:
+    """Which rods a method did not solve that a harder one might."""
+    codes = lax.stop_gradient(solution.outcome._value)
+    return ~np.isin(np.asarray(codes), _UNSOLVABLE)
 
-    def rod_of(params: list) -> Rod:
-        return Rod.of(jax.tree.unflatten(tree, params))
 
-    def at_pose(pose: Any, params: list) -> tuple[Array, tuple]:
-        rod = rod_of(params)
-        points = jnp.asarray(method.places) * rod.arm.length
-        if method.is_multiple:
-            rod = pulled(rod, pose.tensions)
-            shot, error = shoot_between(rod, pose, method, points)
-        else:
-            rod, tip_pose = split(rod, pose)
-            shot = shoot(rod, tip_pose, method, points)
-            error = base_error(rod, shot)
-        fields, margin = _fields(rod, shot, points)
-        steps, finished = shot.progress.steps.astype(float), shot.progress.finished.astype(float)
-        return error, (fields, tensions_of(rod, shot.base.shortenings), margin, error, steps, finished)
+def solve_once(scene: Scene, method: SingleShooting | MultipleShooting, places: Any) -> Solution:
+    """The solution by one method, whatever comes of it."""
+    if isinstance(method, MultipleShooting):
+        return solution_of(multiple_shooting(as_floats(scene), jnp.asarray(places), method))
+    leaves, tree = jax.tree.flatten(scene)
+    leaves = [leaf if isinstance(leaf, jax.Array) else np.asarray(leaf, float) for leaf in leaves]
+    structure = Structure(tree, tuple(np.ndim(leaf) for leaf in leaves), tableau_of(method.solver), max(method.steps))
+    return _jitted(structure, method.settings, places, leaves)
 
-    if method.is_multiple:
-        found, total = find_nodes(scene, method), partial(multiple.total_rates, rod_of, method)
-    else:
-        found, total = find_tip_pose(scene, method), equilibrium.total_rates
-    fields, tensions, margin, error, steps, finished = at_root(at_pose, total, found.pose, params)
-    residual = jnp.max(jnp.abs(error))
-    condition, inverse = condition_number(found.jacobian)
-    outcome = Outcome.where(residual < _ACCEPTED_RESIDUAL, Outcome.converged, Outcome.ill_conditioned)
-    outcome = Outcome.where(inverse > _SINGULAR, Outcome.limit_point, outcome)
-    outcome = Outcome.where(jnp.min(margin) < _FOLDING, Outcome.volume_constraint_folded, outcome)
-    outcome = Outcome.where(finished == 1, outcome, Outcome.integration_failed)
-    outcome = Outcome.where(found.outcome == Outcome.converged, outcome, found.outcome)
-    failed_at = jnp.where(found.outcome == Outcome.converged, fields.s[jnp.argmin(margin)], found.stopped_at)
-    stopped = (outcome == Outcome.volume_constraint_folded) | (outcome == Outcome.integration_failed)
-    failed_at = lax.stop_gradient(jnp.where(stopped, failed_at, jnp.nan))
-    # a factor, for what is lost to have no derivative either: a choice between it and NaN would have that of zero
-    # (but not of what is empty, whose value JAX leaves unbatched where its derivative is batched)
-    known = jnp.where(outcome == Outcome.converged, 1.0, jnp.nan)
-    fields, tensions = jax.tree.map(lambda value: value * known if value.size else value, (fields, tensions))
-    tip = jax.tree.map(lambda field: field[-1], fields)
+
+@ft.partial(jax.jit, static_argnums=0)
+def _jitted(structure: Structure, settings: Array, places: Array, leaves: list[Array]) -> Solution:
+    return solution_of(equilibrium(structure, settings, places, leaves))
+
+
+def solve_batch(scene: Scene, method: SingleShooting | MultipleShooting, places: Any) -> Solution:
+    """The solutions, rods first, of a scene of which some floats are arrays [rods]; those of the others all share.
+
+    The same program as that of `jax.vmap(solve)`.
+    """
+    leaves, tree = jax.tree.flatten(scene)
+    if isinstance(method, MultipleShooting):
+        axes = [0 if np.ndim(leaf) else None for leaf in leaves]
+        one = ft.partial(solve_once, method=method, places=places)
+        return jax.vmap(lambda leaves: one(jax.tree.unflatten(tree, leaves)), in_axes=(axes,))(leaves)
+    structure = Structure(tree, (0,) * len(leaves), tableau_of(method.solver), max(method.steps))
+    leaves = [leaf if isinstance(leaf, jax.Array) else np.asarray(leaf, float) for leaf in leaves]
+    return _jitted_batch(structure, method.settings, places, leaves)
+
+
+@ft.partial(jax.jit, static_argnums=0)
+def _jitted_batch(structure: Structure, settings: Array, places: Array, leaves: list[Array]) -> Solution:
+    axes = [0 if leaf.ndim else None for leaf in leaves]
+
+    def one(leaves: list[Array]) -> Solution:
+        return solution_of(equilibrium(structure, settings, places, leaves))
+
+    return jax.vmap(one, in_axes=(axes,))(leaves)
+
+
+def solution_of(report: Report) -> Solution:
+    """The `Solution` that a report makes, of one rod."""
+    tip = dict(zip(TIP, report.tip, strict=True))
     return Solution(
-        tip=Pose(tip.x, tip.y, tip.theta),
-        tip_strain=SectionStrains(tip.nu, tip.eta, tip.mu, tip.beta),
-        fields=fields,
-        outcome=outcome,
-        residual=residual,
-        condition=condition,
-        iterations=found.iterations,
-        steps=steps.astype(int),
-        load_fraction=found.load_fraction,
-        failed_at=failed_at,
-        tensions=tensions,
+        tip=Pose(tip["x"], tip["y"], tip["theta"]),
+        tip_strain=SectionStrains(tip["nu"], tip["eta"], tip["mu"], tip["beta"]),
+        fields=Fields(**dict(zip(FIELDS, report.fields, strict=True))),
+        outcome=from_codes(Outcome, report.outcome),
+        residual=report.residual,
+        error=report.error,
+        condition=report.condition,
+        iterations=report.iterations,
+        steps=report.steps,
+        load_fraction=report.load_fraction,
+        failed_at=report.failed_at,
+        tensions=report.tensions,
     )
 
 
-def _fields(rod: Rod, shot: Shot, points: Float[Array, " points"]) -> tuple[Fields, Scalar]:
-    """The fields at the points, and how far the volume constraint is from folding there."""
-    saved: Any = shot.saved
-    section: Any
-    section, margin = jax.vmap(lambda s, at: derivative(rod, s, at, active_at(rod.muscles, s))[1:])(points, saved)
-    beta = jnp.broadcast_to(section.beta, points.shape)
-    stiffness = stretched(stiffness_at(rod.arm, points), beta)
-    area = jnp.pi * (beta * section.radius) ** 2
-    fields = Fields(
-        s=points,
-        x=saved.x - shot.base.x,
-        y=saved.y - shot.base.y,
-        theta=saved.theta,
-        nu=section.nu,
-        eta=section.eta,
-        mu=section.mu,
-        beta=beta,
-        N=stiffness.axial / area * (section.nu - 1),
-        H=stiffness.shear / area * section.eta,
-        M=stiffness.bending / (area * area / (4 * jnp.pi)) * section.mu,
-        force_x=saved.force_x,
-        force_y=saved.force_y,
-        moment=saved.moment,
-    )
-    return fields, margin
+def empty_solution() -> Solution:
+    """A solution of zeros, for its structure."""
+    return solution_of(Report(np.zeros(len(TIP)), np.zeros(0), np.zeros((len(FIELDS), 0)), *[np.zeros(())] * 9))  # pyright: ignore[reportArgumentType]

@@ -4,14 +4,15 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..scene import TCAM, Scene, SceneError
 from ..scene.quantity import as_floats
-from ..solver import Response, Shooting, Solution, TimeStepping, solve, tcam_response
+from ..solver import Method, Response, Solution, TimeStepping, tcam_response
+from ..solver.solve import places_of
 from .batch import solve_rods
 
 if TYPE_CHECKING:
@@ -45,14 +46,14 @@ class Actuation(eqx.Module):
 
 
 def actuate(
-    scene: Scene, times: ArrayLike, method: Shooting | None = None, *, stepping: TimeStepping | None = None
+    scene: Scene, times: ArrayLike, method: Method | None = None, *, stepping: TimeStepping | None = None
 ) -> Actuation:
     """Voltage to temperature, tension and contraction of every TCAM, and the arm's equilibrium at each of `times` [s].
 
     The muscles start at t = 0 at ambient temperature; `times` ascend from there. A TCAM pulls with C_T T (paper, Eq.
     CableTensionTCAMs), other muscles as the scene says; the arm follows quasi-statically, all instants in one
     compiled batch. The temperature does not depend on the arm. The contraction is that of the muscle on its own, under
-    its hanging mass. `method` is a `Shooting`; `stepping` is by default chosen by `TimeStepping.suited_to` for each
+    its hanging mass. `method` is that of `solve`; `stepping` is by default chosen by `TimeStepping.suited_to` for each
     muscle.
 
     Works under `jit`, `grad`, `jacfwd` and `vmap`, with respect to every float of the scene. Does not raise for what
@@ -65,8 +66,7 @@ def actuate(
     responses = {i: tcam_response(tcam, times, stepping) for i, tcam in driven.items()}
     tensions = {i: response.tension for i, response in responses.items()}
     scene = as_floats(scene)
-    method = Shooting() if method is None else method
-    solution = solve_rods(lambda rods, method: _equilibria(scene, rods, method), tensions, method)
+    solution = solve_rods(with_tensions(scene, tensions), method, places_of(101), np.size(times))
     return Actuation(scene, jnp.asarray(times, float), responses, solution)
 
 
@@ -77,8 +77,3 @@ def with_tensions(scene: Scene, tensions: dict[int, Any]) -> Scene:
         for i, muscle in enumerate(scene.muscles)
     ]
     return dataclasses.replace(scene, muscles=tuple(muscles))
-
-
-@eqx.filter_jit
-def _equilibria(scene: Scene, tensions: dict[int, Float[Array, " times"]], method: Shooting) -> Solution:
-    return jax.vmap(lambda at: solve(with_tensions(scene, at), method, throw=False))(tensions)

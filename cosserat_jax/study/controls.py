@@ -9,6 +9,7 @@ does not answer to the first instant of a voltage, d(tension)/dv = 0 at v = 0, a
 never leave.
 """
 
+import dataclasses
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -17,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.section import stiffness_at
+from ..physics.rod import Rod
+from ..physics.section_laws import ReferenceSection
 from ..physics.tcam import conductance_at, tension_gain
 from ..scene import TCAM, Scene, SceneError, lookup, replace, to_si, unit_of
 from .actuate import with_tensions
@@ -100,7 +102,8 @@ def default_limit(scene: Scene, i: int) -> float:
     muscle, arm = scene.muscles[i], scene.arm
     end = float(arm.length if muscle.end is None else muscle.end)
     offset = 0.5 * float(muscle.base_offset + muscle.end_offset)
-    bending = float(stiffness_at(arm, 0.5 * end).bending)
+    rod = Rod.of(dataclasses.replace(scene, muscles=()))
+    bending = float(rod.law.stiffness(ReferenceSection(0.5 * end, rod.radius_at(0.5 * end))).bending)
     half_turn = math.pi * bending / (end * offset) if offset > 0 else math.inf
     return max(half_turn, float(muscle.tension or 0.0))
 

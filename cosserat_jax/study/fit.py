@@ -8,7 +8,8 @@ import numpy as np
 import optimistix as optx
 
 from ..scene import Scene, SceneError
-from ..solver import Shooting
+from ..solver import Method
+from ..solver.method import methods_of
 from .calibration import Calibration
 from .free import Free, Unbounded, free_parameters
 from .measurements import Measurements, read_measurements
@@ -34,7 +35,7 @@ def fit(
     seed: int = 0,
     optimiser: "optax.GradientTransformation | None" = None,
     max_steps: int | None = None,
-    method: Shooting | None = None,
+    method: Method | None = None,
 ) -> Calibration:
     """The values of the `free` parameters for which `scene` says what `data` measured, by least squares,
 
@@ -66,15 +67,15 @@ def fit(
     steps = max_steps or (_MOST_STEPS if optimiser is None else _MOST_UPDATES)
     solver = _solver(optimiser)
 
-    def by(shooting: Shooting) -> Calibration:
-        problem = problem_of(scene, measured, unbounded, shooting, loss)
+    def by(method: Method) -> Calibration:
+        problem = problem_of(scene, measured, unbounded, method, loss)
         values = jnp.tile(problem.observed, (starts, 1))
         found = minimise(problem, values, jnp.asarray(begin), solver, steps)
         return Calibration(scene, measured, problem, found, solver, steps)
 
-    shooting = Shooting() if method is None else method
-    found = by(shooting.single)
-    return by(shooting.multiple) if found.lost_rows and shooting.intervals is None else found
+    first, *harder = methods_of(method)
+    found = by(first)
+    return by(harder[-1]) if found.lost_rows and harder else found
 
 
 def _solver(optimiser: Any) -> Any:

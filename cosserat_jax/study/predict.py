@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..scene import Sampled, Scene, replace
-from ..solver import Response, ResponseOutcome, Shooting, Solution, TimeStepping, solve, tcam_response
+from ..solver import Method, Response, ResponseOutcome, Solution, TimeStepping, solve, tcam_response
 from .actuate import with_tensions
 from .measurements import Measurements, Observable, markers_of
 
@@ -34,11 +34,12 @@ class Model(eqx.Module):
     inputs: dict[str, Float[Array, " rods"]]
     times: Float[Array, " rows"] | None
     voltages: dict[int, Float[Array, " rows"]]
-    method: Shooting
+    method: Method
+    places: tuple[float, ...] = eqx.field(static=True)
     stepping: dict[int, TimeStepping]
 
     @classmethod
-    def of(cls, scene: Scene, measured: Measurements, method: Shooting) -> "Model":
+    def of(cls, scene: Scene, measured: Measurements, method: Method) -> "Model":
         """The model of these measurements. How a TCAM is stepped through time is settled by its constants in `scene`,
         and is not seen to between the measurements."""
         driven = {i: muscle.tcam for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None}
@@ -50,7 +51,8 @@ class Model(eqx.Module):
             rod_of_row=tuple(rod_of_row.tolist()),
             times=None if measured.times is None else jnp.asarray(measured.times),
             voltages={i: jnp.asarray(volts) for i, volts in measured.voltages.items()},
-            method=dataclasses.replace(method, points=(0.0, *places, 1.0)),
+            method=method,
+            places=(0.0, *places, 1.0),
             stepping={i: dataclasses.replace(TimeStepping.suited_to(tcam), watch=1) for i, tcam in driven.items()},
         )
 
@@ -84,7 +86,7 @@ class Model(eqx.Module):
 
         def one(inputs: dict, pulls: dict, _: Array) -> Solution:
             rod = replace(with_tensions(scene, pulls), inputs)
-            return solve(rod, self.method, throw=False)
+            return solve(rod, self.method, points=self.places, throw=False)
 
         return jax.vmap(one)(self.inputs, tensions, jnp.arange(max(self.rod_of_row) + 1))
 

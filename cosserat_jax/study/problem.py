@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ..scene import Scene, replace
 from ..scene.quantity import as_floats
-from ..solver import Shooting
+from ..solver import Method
 from .free import Unbounded
 from .measurements import Measurements
 from .minimise import AbstractProblem
@@ -53,7 +53,7 @@ class Problem(AbstractProblem):
 
 
 def problem_of(
-    scene: Scene, measured: tuple[Measurements, ...], unbounded: Unbounded, method: Shooting, loss: Loss
+    scene: Scene, measured: tuple[Measurements, ...], unbounded: Unbounded, method: Method, loss: Loss
 ) -> Problem:
     """The problem that a fit minimises."""
     sigma, lost = [], []

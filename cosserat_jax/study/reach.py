@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from ..scene import Scene, SceneError
-from ..solver import Shooting, outcome_codes
+from ..solver import Method, outcome_codes
 from .closest import LAST_EPS, Effort, Search, closest
 from .reached import Reach, ReachOutcome
 from .starts import best_of, grid, starts, starts_along_valleys
@@ -23,7 +23,7 @@ def reach(
     target: ArrayLike,
     free: Iterable[str] | Mapping[str, Any],
     at: ArrayLike | None = None,
-    method: Shooting | None = None,
+    method: Method | None = None,
 ) -> Reach:
     """The values of the `free` parameters that bring the arm to `target` [m], within bounds and with least effort.
 
@@ -42,7 +42,8 @@ def reach(
     The searches start from the nearest of 256 equilibria over the box, several for one target where the grid has
     several nearest ones. A target that no search comes to within 1e-9 of the arm's length has the outcome
     `out_of_reach`, with the values that bring the arm closest; see `ReachOutcome`. What comes of a target does not
-    raise. Rods are solved by single shooting; `Shooting(intervals=64)` as `method` is for arms pulled taut.
+    raise. Rods are solved by single shooting; `MultipleShooting()` as `method` is for arms under high axial
+    tension.
 
     Raises `SceneError` for a target, a path, bounds or an arc length that is not allowed. Needs values at hand: not for
     use under `jit`, `grad` or `vmap`; to differentiate, use `solve` at `scene_at`.

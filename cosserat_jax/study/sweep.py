@@ -9,15 +9,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
-from ..scene.quantity import as_floats
-from ..solver import Shooting, Solution, solve
+from ..solver import Automatic, Method, Solution
+from ..solver.solve import empty_solution, places_of
 from .batch import solve_rods
 from .checkpoint import Checkpoint
 
@@ -35,7 +33,7 @@ class Sweep:
 
     scene: Scene
     over: dict[str, np.ndarray]
-    method: Shooting
+    method: Method
     solution: Solution
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -48,16 +46,17 @@ class Sweep:
 def sweep(
     scene: Scene,
     over: Mapping[str, ArrayLike],
-    method: Shooting | None = None,
+    method: Method | None = None,
     *,
+    points: int | tuple[float, ...] = 101,
     batch: int = 256,
     progress: bool = False,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> Sweep:
     """Solves `scene` for every combination of the values in `over`, {path: 1-D values in SI}, the first path outermost.
 
-    Rods are solved `batch` at a time by one compiled program, and those that single shooting does not solve again by
-    multiple shooting, unless `method` says how many `intervals`. `progress` shows a bar on a terminal. With
+    Rods are solved `batch` at a time by one compiled program, and those that the first of the methods does not solve
+    again by the next; `method` and `points` are those of `solve`. `progress` shows a bar on a terminal. With
     `checkpoint`, a folder, every batch is kept as it ends, and the same sweep started again takes up where it was
     stopped, to the same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or
     a value that is not allowed. A rod that has no solution does not raise: see `Sweep.solution.outcome`.
@@ -67,7 +66,7 @@ def sweep(
         raise SceneError("sweep: nothing to sweep over; allowed: {path: values}")
     if batch < 1:
         raise SceneError(f"batch: {batch} is not allowed; allowed: at least 1")
-    method = Shooting() if method is None else method
+    method, places = Automatic() if method is None else method, places_of(points)
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     rods = {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)}
     replace(scene, rods)  # every rod of the grid is checked before the first is solved
@@ -77,32 +76,35 @@ def sweep(
     size = min(batch, count)
     # a short last batch is filled up with its last rod, so that one compiled program serves all
     rows = [np.minimum(np.arange(start, start + size), count - 1) for start in range(0, count, size)]
-    batches = [{path: jnp.asarray(axis[chosen]) for path, axis in rods.items()} for chosen in rows]
-    store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, size))
-    floats = as_floats(scene)
-    chunks = [_solved(floats, one, method, store, i) for i, one in enumerate(_shown(batches, progress))]
+    batches = [{path: axis[chosen] for path, axis in rods.items()} for chosen in rows]
+    store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, points, size))
+    chunks = [_solved(scene, one, method, places, store, i) for i, one in enumerate(_shown(batches, progress))]
     leaves = [np.concatenate(parts)[:count] for parts in zip(*chunks, strict=True)]
-    tree = jax.tree.structure(eqx.filter_eval_shape(_solve_batch, floats, batches[0], method))
-    solution = jax.tree.unflatten(tree, [leaf.reshape(shape + leaf.shape[1:]) for leaf in leaves])
+    solution = jax.tree.unflatten(_STRUCTURE, [leaf.reshape(shape + leaf.shape[1:]) for leaf in leaves])
     return Sweep(scene, grid, method, solution)
 
 
-@eqx.filter_jit
-def _solve_batch(scene: Scene, values: dict[str, jax.Array], method: Shooting) -> Solution:
-    return jax.vmap(lambda one: solve(replace(scene, one), method, throw=False))(values)
-
-
 def _solved(
-    scene: Scene, values: dict[str, jax.Array], method: Shooting, store: Checkpoint | None, index: int
+    scene: Scene,
+    values: dict[str, np.ndarray],
+    method: Method,
+    places: np.ndarray,
+    store: Checkpoint | None,
+    index: int,
 ) -> list[np.ndarray]:
     """The leaves of one batch's solutions, taken from the checkpoint where it has them."""
     leaves = None if store is None else store.load(index)
-    if leaves is None:
-        solution = solve_rods(lambda rods, method: _solve_batch(scene, rods, method), values, method)
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(solution)]
-        if store is not None:
-            store.save(index, leaves)
+    if leaves is not None:
+        return leaves
+    size = len(next(iter(values.values())))
+    solution = solve_rods(replace(scene, values), method, places, size)
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(solution)]
+    if store is not None:
+        store.save(index, leaves)
     return leaves
+
+
+_STRUCTURE = jax.tree.structure(empty_solution())
 
 
 def _values(scene: Scene, path: str, values: ArrayLike) -> np.ndarray:
@@ -123,9 +125,15 @@ def _shown(batches: list, progress: bool) -> Iterable:
     return tqdm(batches, unit="batch", disable=None)  # None: no bar where the output is no terminal
 
 
-def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Shooting, size: int) -> str:
+def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> str:
     """What a kept batch must have been solved for: the same scene, grid, method and batch, by the same versions."""
     from .. import __version__
 
-    parts: list[Any] = [dumps(scene), {path: values.tolist() for path, values in grid.items()}, repr(method), size]
+    parts: list[Any] = [
+        dumps(scene),
+        {path: values.tolist() for path, values in grid.items()},
+        repr(method),
+        points,
+        size,
+    ]
     return hashlib.sha256(json.dumps([*parts, __version__, jax.__version__]).encode()).hexdigest()

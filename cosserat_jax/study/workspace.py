@@ -13,7 +13,9 @@ from jaxtyping import Array, Bool, Float
 
 from ..scene import Scene, SceneError, replace
 from ..scene.quantity import as_floats
-from ..solver import Shooting, Solution, solve
+from ..solver import Method, Solution, solve
+from ..solver.method import methods_of
+from ..solver.solve import places_of
 from .closest import Images
 from .controls import Control, check_driven, controls_of, steady_with
 from .free import Free
@@ -48,7 +50,7 @@ def workspace(
     scene: Scene,
     free: Iterable[str] | Mapping[str, Any],
     at: ArrayLike | None = None,
-    method: Shooting | None = None,
+    method: Method | None = None,
     *,
     count: int = 256,
 ) -> Workspace:
@@ -69,19 +71,20 @@ class Arms:
     scene: Scene
     controls: tuple[Control, ...]
     at: Float[np.ndarray, " at"]
-    method: Shooting
+    method: Method
+    points: tuple[float, ...]
     places: tuple[int, ...]
 
     @classmethod
     def of(
-        cls, scene: Scene, free: Iterable[str] | Mapping[str, Any], at: ArrayLike | None, method: Shooting | None
+        cls, scene: Scene, free: Iterable[str] | Mapping[str, Any], at: ArrayLike | None, method: Method | None
     ) -> "Arms":
         """Raises `SceneError` for controls and arc lengths that are not allowed, and for a scene that is not steady."""
         controls = controls_of(scene, free)
         check_driven(scene, controls)
         arc_lengths = _arc_lengths(scene, at)
-        method, places = _with_places(Shooting() if method is None else method, arc_lengths / float(scene.arm.length))
-        return cls(scene, controls, arc_lengths, method.single, places)
+        points, places = _with_places(arc_lengths / float(scene.arm.length))
+        return cls(scene, controls, arc_lengths, methods_of(method)[0], points, places)
 
     @property
     def length(self) -> float:
@@ -139,18 +142,20 @@ class Arms:
         parts = []
         for start in range(0, count, _BATCH):
             rows = np.minimum(np.arange(start, start + _BATCH), count - 1)  # a short batch is filled with its last rod
-            parts.append(_solve_batch(scene, paths, jnp.asarray(unknowns[rows]), self.method))
+            parts.append(_solve_batch(scene, paths, jnp.asarray(unknowns[rows]), self.method, self.points))
         return jax.tree.map(lambda *some: np.concatenate([np.asarray(one) for one in some])[:count], *parts)
 
 
 @eqx.filter_jit
 def _solve_batch(
-    scene: Scene, paths: tuple[str, ...], values: Float[Array, "rods n"], method: Shooting
+    scene: Scene, paths: tuple[str, ...], values: Float[Array, "rods n"], method: Method, places: tuple[float, ...]
 ) -> tuple[Float[Array, "rods points 2"], Float[Array, "rods points 2 n"], Solution]:
     """All points [m] of the arms, their rates by the values at `paths`, and the equilibria."""
 
     def points(values: Array) -> tuple[Array, tuple[Array, Solution]]:
-        solution = solve(replace(scene, dict(zip(paths, list(values), strict=True))), method, throw=False)
+        solution = solve(
+            replace(scene, dict(zip(paths, list(values), strict=True))), method, points=places, throw=False
+        )
         found = jnp.stack([solution.fields.x, solution.fields.y], axis=-1)
         return found, (found, solution)
 
@@ -169,11 +174,9 @@ def _arc_lengths(scene: Scene, at: ArrayLike | None) -> np.ndarray:
     return np.minimum(places, length)
 
 
-def _with_places(method: Shooting, fractions: np.ndarray) -> tuple[Shooting, tuple[int, ...]]:
-    """The method with these places s / L among its points, and which points they are."""
-    points = method.places
+def _with_places(fractions: np.ndarray) -> tuple[tuple[float, ...], tuple[int, ...]]:
+    """The points s / L of the solutions, these places among them, and which points they are."""
+    points = places_of(101)
     missing = [x for x in dict.fromkeys(fractions.tolist()) if np.abs(points - x).min() > 1e-12]
-    if missing:
-        points = np.sort(np.append(points, missing))
-        method = dataclasses.replace(method, points=tuple(points.tolist()))
-    return method, tuple(int(np.abs(points - x).argmin()) for x in fractions)
+    points = np.sort(np.append(points, missing))
+    return tuple(points.tolist()), tuple(int(np.abs(points - x).argmin()) for x in fractions)

@@ -17,7 +17,8 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..physics.implicit import batched_with
+from ..numerics.implicit_derivatives import by_forward_mode
+from ..numerics.newton import batched_with
 from ..physics.tcam import (
     TCAMState,
     coil_cosine,
@@ -31,7 +32,6 @@ from ..physics.tcam import (
 )
 from ..scene import TCAM, AbstractVoltage, SceneError, Sinusoid, validate_tcam
 from ..scene.quantity import as_floats, concrete
-from .forward import by_forward_mode
 from .method import TimeStepping, error_norm
 from .outcome import ResponseOutcome
 

@@ -1,0 +1,142 @@
+"""What is computed from an integration: the fields along the arm and the numbers of the tip, as arrays."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics import linear_systems
+from ..numerics.runge_kutta import Tableau
+from ..physics.rod import Rod, derivative, restarted
+from ..physics.section_laws import ReferenceSection
+from ..physics.segments import active_at
+from ..physics.tendon import pull_at, tangent
+from ..physics.volume import volume_defect
+from ..scene import Scene
+from .integrate import Trajectory, states_at
+from .outcome import Outcome, code_of
+from .unknowns import Unknowns
+
+FIELDS = ("s", "x", "y", "theta", "nu", "eta", "mu", "beta", "N", "H", "M", "force_x", "force_y", "moment")
+_ACCEPTED_RESIDUAL = 1e-7
+_SINGULAR = 1e5  # norm of the inverse of the clamp's Jacobian from which the arm counts as standing at a limit point
+_FOLDING = 1e-3  # d(volume)/d(beta), 1 at rest and 0 at a fold, below which the constraint counts as folded
+_DEFECT = 1e-6  # of the volume constraint along the arm, from which it counts as folded
+TIP = ("x", "y", "theta", "nu", "eta", "mu", "beta")
+
+
+class Structure(NamedTuple):
+    """What decides which program is compiled: the kind of scene, with the shapes of its floats, the Runge-Kutta method,
+    and the most steps in a segment."""
+
+    tree: Any
+    ranks: tuple[int, ...]
+    tableau: Tableau
+    most: int
+
+    def scene(self, leaves: Any) -> Scene:
+        """The scene with these floats, [batch] or shared."""
+        return jax.tree.unflatten(self.tree, leaves)
+
+
+class Report(NamedTuple):
+    """What an equilibrium is and how it was found, every array with the batch last; see `Solution`."""
+
+    tip: Float[Array, "tip ..."]
+    tensions: Float[Array, "muscles ..."]
+    fields: Float[Array, "fields points ..."]
+    root: Float[Array, "unknowns+1 ..."]  # the unknowns and the number of steps, for the derivatives
+    residual: Array
+    error: Array
+    condition: Array
+    load_fraction: Array
+    failed_at: Array
+    outcome: Array
+    iterations: Array
+    steps: Array
+
+
+def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any) -> Float[Array, "values batch"]:
+    """The numbers of the tip, in the order of `TIP`, the tension of every muscle, and the unknowns."""
+    shape = u.shape[1:]
+    active = tuple(jnp.asarray(True) if tendon.end is None else tendon.end >= rod.length for tendon in rod.tendons)
+    state = restarted(rod, rod.length, unknowns.tip(rod, u), active)
+    _, section, _ = derivative(rod, rod.length, state, active)
+    values = [state.x - base.x, state.y - base.y, u[0], section.nu, section.eta, section.mu, section.beta]
+    return jnp.concatenate([stacked(values, shape), unknowns.tensions(rod, base.shortenings, shape), u])
+
+
+def along(rod: Rod, trajectory: Trajectory, s: Array, batch: int) -> tuple[Array, Array, Array]:
+    """The fields, [fields, points, batch], the margin and the defect of the volume constraint at arc lengths `s`."""
+    state, segment = states_at(rod, trajectory, s)
+    s = s if s.ndim == 2 else s[:, None]
+    _, section, margin = derivative(rod, s, state, active_at(rod.tendons, s))
+    values = field_values(rod, trajectory.base, s, state, section)
+    shape = (len(s), batch)
+    if rod.is_rigid:
+        return stacked(values, shape), jnp.ones(shape), jnp.zeros(shape)
+    defect = jnp.abs(volume_defect(section.nu, section.mu, section.beta, section.surface))
+    return stacked(values, shape), jnp.broadcast_to(margin, shape), jnp.broadcast_to(defect, shape)
+
+
+def arc_lengths(places: Float[Array, "points ..."], length: Any, batch: int) -> Array:
+    """[points], or [points, batch] where the arms are not of one length."""
+    if places.ndim == 1 and jnp.ndim(length) == 1:
+        return places[:, None] * length
+    return places * length
+
+
+def stacked(values: list[Any], shape: tuple[int, ...]) -> Array:
+    """The values, each of this shape."""
+    return jnp.stack([jnp.broadcast_to(jnp.asarray(value, float), shape) for value in values])
+
+
+def field_values(rod: Rod, base: Any, s: Any, state: Any, section: Any) -> list[Any]:
+    """The fields, in the order of `FIELDS`, of sections with these states; the base is put to the origin.
+
+    N, H and M follow from the balance of the section, so that they are right for an inextensible arm too.
+    """
+    axial = state.force_x * state.cos + state.force_y * state.sin
+    shear = state.force_y * state.cos - state.force_x * state.sin
+    moment = state.moment
+    for tendon, active in zip(rod.tendons, active_at(rod.tendons, s), strict=True):
+        pull = pull_at(tendon, s, active)
+        along, across = tangent(pull, section.nu, section.eta, section.mu, section.beta, section.beta_s)
+        tension = pull.tension / jnp.sqrt(along**2 + across**2) if pull.unit else pull.tension
+        axial, shear = axial - tension * along, shear - tension * across
+        moment = moment + tension * pull.offset * section.beta * along
+    here = ReferenceSection(s, section.radius, section.beta)
+    area = rod.law.area(here)
+    return [
+        s, state.x - base.x, state.y - base.y, state.theta, section.nu, section.eta, section.mu, section.beta,
+        axial / area, shear / area, moment / rod.law.second_moment(here),
+        state.force_x, state.force_y, state.moment,
+    ]  # fmt: skip
+
+
+def outcome_of(
+    rod: Rod, followed: Array, s: Array, margin: Array, defect: Array, residual: Array, error: Array, asked: Any,
+    jacobian: Array,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """The outcome's code, where the arm failed [m], and the condition number.
+
+    From the outcome of following the branch, and at points `s` along the last integration the margin and the defect of
+    the volume constraint, the residual, the estimated error and the one asked for, the Jacobian of the clamp.
+    """
+    condition, inverse = linear_systems.condition_number(jacobian)
+    is_folded = ~(jnp.min(margin, axis=0) >= _FOLDING) | ~(jnp.max(defect, axis=0) <= _DEFECT)
+    if rod.is_rigid:
+        is_folded = jnp.zeros_like(is_folded)
+    folded, failed = code_of(Outcome.volume_constraint_folded), code_of(Outcome.integration_failed)
+    outcome = jnp.where(residual < _ACCEPTED_RESIDUAL, 0, code_of(Outcome.ill_conditioned))
+    outcome = jnp.where((outcome == 0) & ~(error <= asked), code_of(Outcome.inaccurate), outcome)
+    outcome = jnp.where(inverse > _SINGULAR, code_of(Outcome.limit_point), outcome)
+    outcome = jnp.where(is_folded, folded, outcome)
+    outcome = jnp.where(jnp.isfinite(residual), outcome, failed)
+    keeps = (followed == code_of(Outcome.bad_input)) | (followed == code_of(Outcome.muscles_redundant))
+    lost = jnp.where(is_folded & ~keeps, folded, followed)
+    outcome = jnp.where(followed == 0, outcome, lost)
+    worst = jnp.argmin(jnp.where(defect <= _DEFECT, margin, -defect), axis=0)
+    place = jnp.take_along_axis(jnp.broadcast_to(s, margin.shape), worst[None], axis=0)[0]
+    return outcome, jnp.where((outcome == folded) | (outcome == failed), place, jnp.nan), condition

@@ -1,0 +1,362 @@
+"""Derivatives of an equilibrium by the floats of its scene: forward by linearized integration, backward by its adjoint.
+
+With u(p) the root of E(u, p) = 0 and O(u, p) what is computed there, the implicit function theorem gives
+
+    dO = O_p dp + O_u du        du = -E_u^-1 E_p dp
+
+The steps of the integration are those of the equilibrium, so they are differentiated as they are. Forward, the stages
+of each step are linearized once for the directions of all unknowns and all dp. Backward (the discrete adjoint), the
+cotangents of E and of O go through the steps together, by the state alone; then those of O are joined with what
+du asks of E, and the parameters are reached once, whatever their number.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.core import ShapedArray
+from jaxtyping import Array, Float
+
+from ..numerics import batching, linear_systems
+from ..numerics.runge_kutta import Nodes, combine, stages_of_step
+from ..physics.rod import Rod, RodState, derivative, restarted
+from ..physics.segments import active_at
+from .integrate import Segment, Trajectory, segments, shoot, slope_of, states_at
+from .outputs import FIELDS, TIP, Structure, arc_lengths, field_values, stacked, tip_values
+from .unknowns import Unknowns
+
+
+class _Problem(NamedTuple):
+    """An equilibrium as functions of the floats of its scene, [batch] each: the rod, and of the rod, the unknowns and
+    an integration the error of the base and the results, [rows, batch]."""
+
+    structure: Structure
+    part: str
+    places: Array
+    count: Array
+
+    def rod(self, leaves: list[Array], u: Array) -> Rod:
+        """The rod at full load with the tensions among the unknowns."""
+        rod = Rod.of(self.structure.scene(leaves)).at_load(jnp.ones(()))
+        rod = jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), u.shape[1:]), rod)
+        return Unknowns.of(rod).applied(rod, u)
+
+    def at_tip(self, rod: Rod, u: Array) -> RodState:
+        """The state at the tip, before `restarted`."""
+        return Unknowns.of(rod).tip(rod, u)
+
+    def error(self, rod: Rod, u: Array, base: RodState) -> Array:
+        """E."""
+        return Unknowns.of(rod).error(rod, base)
+
+    def results(self, rod: Rod, u: Array, trajectory: Trajectory) -> Array:
+        """O."""
+        if self.part == "tip":
+            return tip_values(rod, Unknowns.of(rod), u, trajectory.base)
+        batch = u.shape[-1]
+        s = arc_lengths(self.places, rod.length, batch)
+        state, _ = states_at(rod, trajectory, s)
+        _, section, _ = derivative(rod, s, state, active_at(rod.tendons, s))
+        values = field_values(rod, trajectory.base, s, state, section)
+        return stacked(values, (len(s), batch)).reshape(-1, batch)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tangent(batching.LinearFunction):
+    """From the places of the fields, the root (see `Report`), the floats of a scene and changes of them, to the changes
+    of the results: part "tip" those of `tip_values`, part "fields" the fields at all places."""
+
+    structure: Structure
+    part: str
+    is_transposed: bool = False
+    chunk: int = 128
+
+    @property
+    def ranks(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return (1, 1, *self.structure.ranks, 2)
+
+    def results(self, *shapes: tuple[int, ...]) -> list[ShapedArray]:
+        places, root, *leaves, vectors = shapes
+        size = sum(math.prod(leaf) for leaf in leaves)
+        if not self.is_transposed:
+            muscles = len(self.structure.scene([0.0] * len(leaves)).muscles)
+            size = len(TIP) + muscles + root[0] - 1 if self.part == "tip" else len(FIELDS) * places[0]
+        return [ShapedArray((vectors[0], size), jnp.dtype(float))]
+
+    def transposed(self) -> "Tangent":
+        return dataclasses.replace(self, is_transposed=not self.is_transposed)
+
+    def compute(self, *arguments: Array) -> list[Array]:
+        places, root, *leaves, vectors = arguments
+        batch = next(a.shape[-1] for a, r in zip(arguments, self.ranks, strict=True) if a.ndim > r)
+
+        def spread(a: Array, rank: int) -> Array:
+            return jnp.broadcast_to(a if a.ndim > rank else a[..., None], (*a.shape[:rank], batch))
+
+        leaves = [spread(leaf, rank) for leaf, rank in zip(leaves, self.structure.ranks, strict=True)]
+        root, vectors = spread(root, 1), spread(vectors, 2)
+        u, count = root[:-1], jnp.nanmax(jnp.where(jnp.isnan(root[-1]), 4.0, root[-1])).astype(int)
+        problem = _Problem(self.structure, self.part, places, count)
+        if self.is_transposed:
+            return [_pulled_back(problem, leaves, u, vectors)]
+        sizes = [math.prod(leaf.shape[:-1]) for leaf in leaves]
+        parts = jnp.split(vectors, [sum(sizes[: i + 1]) for i in range(len(sizes) - 1)], axis=1)
+        changes = [part.reshape(-1, *leaf.shape) for part, leaf in zip(parts, leaves, strict=True)]
+        return [_pushed_forward(problem, leaves, u, changes)]
+
+
+def _pushed_forward(problem: _Problem, leaves: list, u: Array, changes: list) -> Float[Array, "vectors rows batch"]:
+    """The changes of O along changes of the floats, the unknowns following."""
+    n, k = len(u), len(changes[0])
+    unit = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, u.shape[-1]))
+    du = jnp.concatenate([unit, jnp.zeros((k, *u.shape))])
+    dp = [jnp.concatenate([jnp.zeros((n, *change.shape[1:])), change]) for change in changes]
+
+    def along(function: Callable, *at: Any) -> tuple[Any, Callable]:
+        value, linear = jax.linearize(function, *at)
+        return value, jax.vmap(linear)
+
+    rod, rod_linear = along(problem.rod, leaves, u)
+    d_rod = rod_linear(dp, du)
+    state, tip_linear = along(problem.at_tip, rod, u)
+    d_state = tip_linear(d_rod, du)
+    spans, spans_linear = along(_floats_of_segments, rod)
+    d_spans = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), spans_linear(d_rod))  # segments first
+    active = segments(rod).active
+
+    def onward(carry: tuple, given: tuple) -> tuple[tuple, tuple]:
+        (state, d_state), (span, d_span, active) = carry, given
+
+        def restart(rod: Rod, span: tuple, state: RodState) -> RodState:
+            return restarted(rod, span[0], state, active)
+
+        state, linear = along(restart, rod, span, state)
+        nodes, d_nodes = _steps_forward(
+            problem, (rod, d_rod), (span, d_span), active, (state, linear(d_rod, d_span, d_state))
+        )
+        return (nodes.end, d_nodes.end), (nodes, d_nodes)
+
+    (base, d_base), (nodes, d_nodes) = lax.scan(onward, (state, d_state), (spans, d_spans, active))
+    d_nodes = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), d_nodes._replace(count=None))
+
+    _, error_linear = along(problem.error, rod, u, base)
+    d_error = error_linear(d_rod, du, d_base)
+    kept = nodes._replace(count=None)
+
+    def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
+        return problem.results(rod, u, Trajectory(kept._replace(count=nodes.count), base))
+
+    _, results_linear = along(results, rod, u, kept, base)
+    d_results = results_linear(d_rod, du, d_nodes, d_base)
+    by_unknowns = jnp.moveaxis(d_error[:n], 0, 1)
+    follow = -linear_systems.solve_columns(by_unknowns, jnp.moveaxis(d_error[n:], 0, 1))  # [unknowns, vectors, batch]
+    return d_results[n:] + jnp.einsum("nkb,nrb->krb", follow, d_results[:n])
+
+
+def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, states: tuple) -> tuple[Nodes, Nodes]:
+    """The nodes of one segment and their changes, [rows, vectors, batch]."""
+    (rod, d_rod), (span, d_span), (state, d_state) = rods, spans, states
+    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.count
+    weights, places = jnp.asarray(tableau.weights), jnp.asarray(tableau.places)
+    stages = len(places)
+
+    def room(rows: int, like: Any) -> Any:
+        return jax.tree.map(lambda leaf: jnp.zeros((rows, *leaf.shape)), like)
+
+    def stage(i: Array, carry: tuple, tau: Array, state: RodState, d_state: RodState) -> tuple:
+        slopes, d_slopes = carry
+        y, dy = combine(weights[i] * h, state, slopes), combine(weights[i] * h, d_state, d_slopes)
+
+        def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
+            return slope_of(rod, Segment(span[0], span[1], active, span[2]))(tau + places[i] * h, y)
+
+        f, linear = jax.linearize(slope, rod, span, y)
+        df = jax.vmap(linear)(d_rod, d_span, dy)
+        return jax.tree.map(lambda k, new: k.at[i].set(new), (slopes, d_slopes), (f, df))
+
+    def step(m: Array, carry: tuple) -> tuple:
+        state, d_state, nodes, d_nodes = carry
+        empty = room(stages, state), room(stages, d_state)
+        slopes, d_slopes = lax.fori_loop(0, stages, lambda i, c: stage(i, c, m * h, state, d_state), empty)
+        kept = state, jax.tree.map(lambda k: k[0], slopes)
+        d_kept = d_state, jax.tree.map(lambda k: k[0], d_slopes)
+        nodes, d_nodes = jax.tree.map(lambda all, one: all.at[m].set(one), (nodes, d_nodes), (kept, d_kept))
+        last = weights[stages] * h
+        return combine(last, state, slopes), combine(last, d_state, d_slopes), nodes, d_nodes
+
+    nodes, d_nodes = (room(most + 1, state),) * 2, (room(most + 1, d_state),) * 2
+    state, d_state, nodes, d_nodes = lax.fori_loop(0, problem.count, step, (state, d_state, nodes, d_nodes))
+    count = jnp.asarray(problem.count)
+    return Nodes(*nodes, state, count), Nodes(*d_nodes, d_state, count)
+
+
+def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -> Float[Array, "vectors size batch"]:
+    """The cotangents of the floats from those of O, the unknowns following."""
+    n = len(u)
+    structure = problem.structure
+    rod, rod_back = jax.vjp(problem.rod, leaves, u)
+    state, tip_back = jax.vjp(problem.at_tip, rod, u)
+    trajectory = shoot(rod, state, structure.tableau, problem.count, structure.most)
+    base, nodes = trajectory.base, trajectory.nodes
+    spans, spans_back = jax.vjp(_floats_of_segments, rod)
+    active = segments(rod).active
+
+    def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
+        return problem.results(rod, u, Trajectory(kept._replace(count=nodes.count), base))
+
+    _, results_back = jax.vjp(results, rod, u, nodes._replace(count=None), base)
+    _, error_back = jax.vjp(problem.error, rod, u, base)
+    unit = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, u.shape[-1]))
+    of_error = jax.vmap(error_back)(unit)  # rod, u, base; [n, ...]
+    of_results = jax.vmap(results_back)(cotangents)  # rod, u, nodes, base; [vectors, ...]
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), of_error, (of_results[0], of_results[1], of_results[3]))
+    rod_bar, u_bar, base_bar = both
+    nodes_bar = None  # the tip's numbers do not ask for nodes
+    if problem.part == "fields":
+        padded = jax.tree.map(lambda leaf: jnp.pad(leaf, ((n, 0), *((0, 0),) * (leaf.ndim - 1))), of_results[2])
+        nodes_bar = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), padded)  # segments first
+
+    # by the state alone, from the base to the tip
+    previous = jax.tree.map(lambda at_tip, ends: jnp.concatenate([at_tip[None], ends[:-1]]), state, nodes.end)
+
+    def backward(state_bar: RodState, given: tuple) -> tuple[RodState, tuple]:
+        span, active, nodes, nodes_bar, before = given
+        if nodes_bar is not None:
+            state_bar = jax.tree.map(jnp.add, state_bar, nodes_bar.end)
+        state_bar, kept = _steps_backward(problem, rod, span, active, nodes, nodes_bar, state_bar)
+        _, back = jax.vjp(lambda before: restarted(rod, span[0], before, active), before)
+        return jax.vmap(back)(state_bar)[0], (kept, state_bar)
+
+    given = (spans, active, nodes._replace(count=None), nodes_bar, previous)
+    state_bar, ((stages, stages_bar), restart_bar) = lax.scan(backward, base_bar, given, reverse=True)
+    at_tip_bar, u_more = jax.vmap(tip_back)(state_bar)
+    u_bar = u_bar + u_more
+    rod_bar = jax.tree.map(jnp.add, rod_bar, at_tip_bar)
+
+    def parameters(stages_bar: RodState, restart_bar: RodState) -> Rod:
+        given = (rod, spans, active, previous, stages, stages_bar, restart_bar)
+        return _parameters(problem, spans_back, *given)
+
+    if rod.displaced:  # the rod itself has unknowns, its tensions
+        rod_bar = jax.tree.map(jnp.add, rod_bar, parameters(stages_bar, restart_bar))
+        u_bar = u_bar + jax.vmap(lambda bar: rod_back(bar)[1])(rod_bar)
+
+    # u follows: w = -E_u^-T O_u^T for each vector, then one column a vector
+    by_unknowns = jnp.swapaxes(u_bar[:n], 0, 1)  # E_u^T
+    w = -linear_systems.solve_columns(by_unknowns, jnp.moveaxis(u_bar[n:], 0, 1))
+
+    def join(leaf: Array, axis: int = 0) -> Array:
+        leaf = jnp.moveaxis(leaf, axis, 0)
+        weights = w.reshape(*w.shape[:2], *(1,) * (leaf.ndim - 2), w.shape[-1])
+        return jnp.moveaxis(leaf[n:] + (weights * leaf[:n, None]).sum(0), 0, axis)
+
+    rod_bar = jax.tree.map(join, rod_bar)
+    if not rod.displaced:
+        joined = (
+            jax.tree.map(lambda leaf: join(leaf, 3), stages_bar),
+            jax.tree.map(lambda leaf: join(leaf, 1), restart_bar),
+        )
+        rod_bar = jax.tree.map(jnp.add, rod_bar, parameters(*joined))
+    leaves_bar = jax.vmap(lambda bar: rod_back(bar)[0])(rod_bar)
+    return jnp.concatenate([leaf.reshape(len(cotangents), -1, u.shape[-1]) for leaf in leaves_bar], axis=1)
+
+
+def _steps_backward(
+    problem: _Problem, rod: Rod, span: tuple, active: Any, nodes: Nodes, nodes_bar: Nodes | None, state_bar: RodState
+) -> tuple[RodState, tuple[RodState, RodState]]:
+    """The cotangents of the state where the segment starts, and of all its stages with the states there,
+    [rows, stages, vectors, batch] and [rows, stages, batch], for the parameters."""
+    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.count
+    weights, places = jnp.asarray(tableau.weights), jnp.asarray(tableau.places)
+    count = len(places)
+
+    def slope(tau: Array, y: RodState) -> RodState:
+        return slope_of(rod, Segment(span[0], span[1], active, span[2]))(tau, y)
+
+    tree = None
+
+    def linear_at(tau: Array, y: RodState) -> Any:
+        nonlocal tree
+        _, back = jax.vjp(lambda y: slope(tau, y), y)
+        leaves, tree = jax.tree.flatten(back)
+        return leaves
+
+    def step(m: Array, carry: tuple) -> tuple:
+        state_bar, states, bars = carry
+        i = problem.count - 1 - m
+        state = jax.tree.map(lambda leaf: leaf[i], nodes.states)
+        slopes = stages_of_step(slope, tableau, i * h, h, state)
+        y = jax.tree.map(lambda u, k: u + jnp.tensordot(weights[:count] * h, k, 1), state, slopes)
+        residuals = jax.vmap(linear_at)(i * h + places * h, y)
+        slope_bar = None if nodes_bar is None else jax.tree.map(lambda leaf: leaf[:, i], nodes_bar.slopes)
+
+        def stage(j: Array, carry: tuple) -> tuple:
+            ys_bar, ks_bar = carry
+            r = count - 1 - j
+            k_bar = jax.tree.map(
+                lambda end, later: h * (weights[count, r] * end + jnp.tensordot(weights[:count, r], later, 1)),
+                state_bar, ys_bar,
+            )  # fmt: skip
+            if slope_bar is not None:
+                k_bar = jax.tree.map(lambda bar, first: bar + jnp.where(r == 0, first, 0.0), k_bar, slope_bar)
+            back = jax.tree.unflatten(tree, [leaf[r] for leaf in residuals])
+            (y_bar,) = jax.vmap(back)(k_bar)
+            return jax.tree.map(lambda all, one: all.at[r].set(one), (ys_bar, ks_bar), (y_bar, k_bar))
+
+        empty = jax.tree.map(lambda leaf: jnp.zeros((count, *leaf.shape)), state_bar)
+        ys_bar, ks_bar = lax.fori_loop(0, count, stage, (empty, empty))
+        state_bar = jax.tree.map(lambda end, ys: end + ys.sum(0), state_bar, ys_bar)
+        if nodes_bar is not None:
+            state_bar = jax.tree.map(lambda bar, leaf: bar + leaf[:, i], state_bar, nodes_bar.states)
+        states, bars = jax.tree.map(lambda all, one: all.at[i].set(one), (states, bars), (y, ks_bar))
+        return state_bar, states, bars
+
+    states = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape[1:])), nodes.states)
+    bars = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), state_bar)
+    state_bar, states, bars = lax.fori_loop(0, problem.count, step, (state_bar, states, bars))
+    return state_bar, (states, bars)
+
+
+def _parameters(
+    problem: _Problem, spans_back: Callable, rod: Rod, spans: Any, active: Any, previous: RodState,
+    stages: RodState, stages_bar: RodState, restart_bar: RodState,
+) -> Rod:  # fmt: skip
+    """The cotangents of the rod, [vectors, batch], from those of all stages and of the states where segments start."""
+    places, h = jnp.asarray(problem.structure.tableau.places), 1.0 / problem.count
+
+    def segment(total: Rod, given: tuple) -> tuple[Rod, Any]:
+        span, active, before, stages, stages_bar, restart_bar = given
+
+        def pulled(tau: Array, y: RodState, k_bar: RodState) -> tuple[Rod, Any]:
+            def slope(rod: Rod, span: tuple) -> RodState:
+                return slope_of(rod, Segment(span[0], span[1], active, span[2]))(tau, y)
+
+            return jax.vmap(jax.vjp(slope, rod, span)[1])(k_bar)
+
+        def step(i: Array, carry: Any) -> Any:
+            y, bars = (jax.tree.map(lambda leaf: leaf[i], part) for part in (stages, stages_bar))
+            return jax.tree.map(jnp.add, carry, jax.vmap(pulled)((i + places) * h, y, bars))
+
+        vectors = jax.tree.leaves(restart_bar)[0].shape[0]
+        empty = jax.tree.map(lambda leaf: jnp.zeros((len(places), vectors, *leaf.shape)), (rod, span))
+        rod_bar, span_bar = jax.tree.map(lambda leaf: leaf.sum(0), lax.fori_loop(0, problem.count, step, empty))
+        _, back = jax.vjp(lambda rod, span: restarted(rod, span[0], before, active), rod, span)
+        more, span_more = jax.vmap(back)(restart_bar)
+        total = jax.tree.map(lambda a, b, c: a + b + c, total, rod_bar, more)
+        return total, jax.tree.map(jnp.add, span_bar, span_more)
+
+    vectors = jax.tree.leaves(restart_bar)[0].shape[1]
+    zero = jax.tree.map(lambda leaf: jnp.zeros((vectors, *leaf.shape)), rod)
+    total, spans_bar = lax.scan(segment, zero, (spans, active, previous, stages, stages_bar, restart_bar))
+    spans_bar = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), spans_bar)
+    return jax.tree.map(jnp.add, total, jax.vmap(lambda bar: spans_back(bar)[0])(spans_bar))
+
+
+def _floats_of_segments(rod: Rod) -> tuple[Array, Array, Array]:
+    """Start, end and grading of all segments, [segments, batch]."""
+    spans = segments(rod)
+    return spans.start, spans.end, spans.grading
