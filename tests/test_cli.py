@@ -135,7 +135,7 @@ def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.solve.solve", stopped)
+    monkeypatch.setattr("cosserat_jax.solver.solve", stopped)
     assert run("solve", "octopus") == Ran(130, "", "cosserat-jax: stopped\n")
 
 
@@ -239,7 +239,7 @@ def test_a_sweep_of_one_batch_keeps_nothing_when_it_is_stopped(
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.sweep.sweep", stopped)
+    monkeypatch.setattr("cosserat_jax.study.sweep", stopped)
     ran = run("sweep", "octopus", "--out", "a.nc")
     assert ran == Ran(130, "", "cosserat-jax: stopped; nothing was written\n")
     assert os.listdir(tmp_path) == []

@@ -3,11 +3,15 @@
 import contextlib
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ..report.writing import OutputError, figure_place, output_place
-from ..scene import Scene, SceneError, SceneFile, bounds_to_si, read, replace, unit_of
+from ..errors import OutputError, SceneError
+from ..report.writing import figure_place, output_place
+
+if TYPE_CHECKING:
+    from ..scene import Scene, SceneFile
 
 settings_option = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Change a parameter of the scene; may be repeated."
@@ -68,17 +72,21 @@ def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def read_changed(name: str, changes: dict[str, str]) -> SceneFile:
+def read_changed(name: str, changes: dict[str, str]) -> "SceneFile":
     """The scene file `name` with what --set changes."""
+    from ..scene import read, replace
+
     file = read(name)
     with about(f"{file.name}: --set"):
         return file._replace(scene=replace(file.scene, changes))
 
 
 def free_bounds(
-    scene: Scene, texts: tuple[str, ...], unit: Callable[[Scene, str], str] = unit_of
+    scene: "Scene", texts: tuple[str, ...], unit: "Callable[[Scene, str], str]"
 ) -> dict[str, tuple[float, float] | None]:
     """The paths of --free with their bounds in SI, the `unit` of the path, or None for one without."""
+    from ..scene import bounds_to_si
+
     found: dict[str, tuple[float, float] | None] = {}
     for text in texts:
         path, equals, bounds = (part.strip() for part in text.partition("="))

@@ -10,10 +10,7 @@ from typing import Any
 
 import click
 
-from .. import __version__
-from ..report.writing import OutputError
-from ..scene import SceneError, presets, read
-from ..scene.paths import nearest
+from ..errors import OutputError, SceneError, nearest
 from .actuate import actuate_command
 from .common import Stopped, say
 from .fit import fit_command
@@ -63,7 +60,7 @@ def _failed(message: str) -> int:
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=False)
-@click.version_option(__version__, prog_name="cosserat-jax")
+@click.version_option(package_name="cosserat_jax", prog_name="cosserat-jax")
 def _commands() -> None:
     """Statics of soft rods that bend under muscles and water.
 
@@ -89,6 +86,8 @@ def _scenes() -> None:
     Example:
       cosserat-jax scenes
     """
+    from ..scene import presets, read
+
     width = max(len(name) for name in presets())
     for name in presets():
         click.echo(f"{name:{width}}  {read(name).title}")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .quantity import SceneError
+from ..errors import SceneError
 
 _LONGEST_RANGE = 1_000_000
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
