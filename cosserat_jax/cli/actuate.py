@@ -8,13 +8,13 @@ import click
 
 from ..errors import OutputError, SceneError
 from ..report.writing import save_figure, written_whole
-from .common import about, data_and_figure, pairs, read_changed, say, say_written, settings_option
+from .common import Command, about, data_and_figure, pairs, read_changed, say, say_written, settings_option
 
 if TYPE_CHECKING:
     from ..study import Actuation
 
 
-@click.command("actuate")
+@click.command("actuate", cls=Command)
 @click.argument("name", metavar="SCENE")
 @click.option("--until", required=True, metavar="TIME", help='The last instant, such as "6.5 s"; the first is 0.')
 @click.option(

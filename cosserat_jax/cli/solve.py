@@ -3,10 +3,10 @@
 import click
 
 from ..report.writing import figure_place, save_figure
-from .common import about, pairs, plot_option, read_changed, settings_option
+from .common import Command, about, pairs, plot_option, read_changed, settings_option
 
 
-@click.command("solve")
+@click.command("solve", cls=Command)
 @click.argument("scenes", metavar="SCENE...", nargs=-1, required=True)
 @settings_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line, in the order of the scenes.")

@@ -11,6 +11,7 @@ import click
 from ..errors import OutputError, SceneError
 from ..report.writing import batches_place, save_figure, written_whole
 from .common import (
+    Command,
     Stopped,
     about,
     data_and_figure,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 _MOST_RODS = 1_000_000  # some 10 GB of fields
 
 
-@click.command("sweep")
+@click.command("sweep", cls=Command)
 @click.argument("name", metavar="SCENE")
 @click.option(
     "--over", multiple=True, metavar="PATH=RANGE",
