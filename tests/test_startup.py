@@ -21,7 +21,7 @@ def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
 
 def run_command(words: list[str], cache: Path, then: str = "", **variables: str) -> subprocess.CompletedProcess[str]:
     """Runs one command in a fresh process, and after it the code `then`; the user's cache folder is `cache`."""
-    code = f"from cosserat_jax.cli import main; main({words}); {then}"
+    code = f"from cosserat_jax.cli import main; main({words})\n{then}"
     return run_python(code, XDG_CACHE_HOME=str(cache), **variables)
 
 
@@ -113,12 +113,26 @@ def test_a_cache_that_has_grown_too_large_is_emptied(tmp_path: Path) -> None:
 
 # --- XLA's options
 
+OPTIONS_AT_WORK = """
+import jax, jax.numpy as jnp
+def compiled(function): return jax.jit(function).lower(jnp.ones(600)).compile().as_text()
+loop = compiled(lambda x: jax.lax.while_loop(lambda x: x.sum() < 9, lambda x: jnp.sin(x) + 1, x))
+siblings = compiled(lambda x: (jnp.sin(x).sum(), jnp.cos(x).sum()))
+print("small_call" in loop, ") fusion(" in siblings)  # a loop in one piece, a fusion with two outputs
+"""
+
 
 @pytest.mark.parametrize(
-    ("given", "kept"), [("", ""), ("--xla_cpu_enable_fast_math=false", " --xla_cpu_enable_fast_math=false")]
+    ("given", "at_work"),
+    [("", "True True"), ("--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1", "False True")],
 )
-def test_xla_options_stand_beside_the_user_s(tmp_path: Path, given: str, kept: str) -> None:
+def test_xla_heeds_the_options_and_before_them_the_user_s(tmp_path: Path, given: str, at_work: str) -> None:
+    ran = run_command(["--no-cache", "scenes"], tmp_path, OPTIONS_AT_WORK, XLA_FLAGS=given)
+    assert ran.stdout.splitlines()[-1] == at_work
+
+
+def test_the_name_of_a_file_with_xla_flags_stays(tmp_path: Path) -> None:
+    (tmp_path / "flags").write_text("--xla_cpu_enable_fast_math=false")
     told = "import os, jax; jax.devices(); print(os.environ['XLA_FLAGS'])"
-    flags = run_command(["--no-cache", "scenes"], tmp_path, told, XLA_FLAGS=given).stdout.splitlines()[-1]
-    assert flags.startswith("--xla_backend_extra_options=xla_cpu_")
-    assert flags.removeprefix(flags.split()[0]) == kept
+    name = str(tmp_path / "flags")
+    assert run_command(["--no-cache", "scenes"], tmp_path, told, XLA_FLAGS=name).stdout.splitlines()[-1] == name
