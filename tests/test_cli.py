@@ -67,7 +67,7 @@ def test_version_is_the_package_s(run: Run) -> None:
 
 def test_answers_without_a_solve_do_not_pay_for_plots_and_datasets() -> None:
     script = (
-        "import sys; from cosserat_jax.cli import main; main(['scenes']); main(['solve', 'octopuss']);"
+        "import sys; from cosserat_jax.cli import main; main(['scenes', '--no-cache']); main(['solve', 'octopuss']);"
         "sys.exit({'matplotlib', 'xarray', 'h5netcdf', 'pandas'} & set(sys.modules) or 0)"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
@@ -135,7 +135,7 @@ def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.solve.solve", stopped)
+    monkeypatch.setattr("cosserat_jax.solver.solve", stopped)
     assert run("solve", "octopus") == Ran(130, "", "cosserat-jax: stopped\n")
 
 
@@ -145,7 +145,7 @@ def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_ctrl_c_on_a_running_sweep_ends_the_process_with_130(tmp_path: Path) -> None:
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a job of `cmd &` ignores it
     script = f"{heard}; from cosserat_jax.cli import main; raise SystemExit(main())"
-    words = [sys.executable, "-c", script, *SWEEP, "--out", "a.nc"]
+    words = [sys.executable, "-c", script, *SWEEP, "--out", "a.nc", "--no-cache"]
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while not (tmp_path / "a.nc.partial/identity").exists() and time.monotonic() < deadline:
@@ -239,7 +239,7 @@ def test_a_sweep_of_one_batch_keeps_nothing_when_it_is_stopped(
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.sweep.sweep", stopped)
+    monkeypatch.setattr("cosserat_jax.study.sweep", stopped)
     ran = run("sweep", "octopus", "--out", "a.nc")
     assert ran == Ran(130, "", "cosserat-jax: stopped; nothing was written\n")
     assert os.listdir(tmp_path) == []

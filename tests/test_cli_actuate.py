@@ -97,7 +97,7 @@ def test_instants_are_equally_spaced_from_zero(
         asked.append(times)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.actuate.actuate", stopped)
+    monkeypatch.setattr("cosserat_jax.study.actuate", stopped)
     assert run("actuate", "octopus-tcam", "--until", "6.28 s", *words) == Ran(130, "", "cosserat-jax: stopped\n")
     np.testing.assert_allclose(asked[0], last * np.arange(instants) / (instants - 1), rtol=1e-14)
 

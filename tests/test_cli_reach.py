@@ -118,7 +118,7 @@ def test_a_voltage_is_read_in_volts(run: Run, monkeypatch: pytest.MonkeyPatch) -
         asked.append(arguments[1:])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.cli.reach.reach", stopped)
+    monkeypatch.setattr("cosserat_jax.study.reach", stopped)
     words = ["reach", "octopus-tcam", "--target", "35, 8 cm", "--free", "muscles.0.tcam.voltage=500:9000 mV"]
     assert run(*words, "water.velocity=0:0.3 m/s", "--at", "30 cm").status == 130
     ((target, free, at),) = asked

@@ -12,10 +12,10 @@ from drawn import by_gid, overlapping_words, words
 from PIL import Image, ImageSequence
 
 from cosserat_jax import Outcome, load, replace
+from cosserat_jax.errors import OutputError
 from cosserat_jax.report.layout import COLOURS
 from cosserat_jax.report.motion import actuation_figure, animation_suffixes, save_animation
 from cosserat_jax.report.movie import Playback, write_movie
-from cosserat_jax.report.writing import OutputError
 from cosserat_jax.scene import Pulses
 from cosserat_jax.solver import ResponseOutcome
 from cosserat_jax.study import Actuation, actuate

@@ -2,18 +2,19 @@
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from ..report.text import actuation_json, actuation_text, overheated_lines
-from ..report.writing import OutputError, save_figure, written_whole
-from ..scene import SceneError, to_si
-from ..study import Actuation, actuate
-from .common import about, data_and_figure, pairs, read_changed, say, say_written, settings_option
+from ..errors import OutputError, SceneError
+from ..report.writing import save_figure, written_whole
+from .common import Command, about, data_and_figure, pairs, read_changed, say, say_written, settings_option
+
+if TYPE_CHECKING:
+    from ..study import Actuation
 
 
-@click.command("actuate")
+@click.command("actuate", cls=Command)
 @click.argument("name", metavar="SCENE")
 @click.option("--until", required=True, metavar="TIME", help='The last instant, such as "6.5 s"; the first is 0.')
 @click.option(
@@ -47,6 +48,11 @@ def actuate_command(
       cosserat-jax actuate octopus-tcam --until "1 min" --set "muscles.0.tcam.conductance=0.086 W/K" --json
       cosserat-jax actuate octopus-tcam --until "6.5 s" --steps 100 --out octopus.nc --plot octopus.gif
     """
+    import numpy as np
+
+    from ..report.text import actuation_json, actuation_text, overheated_lines
+    from ..study import actuate
+
     file = read_changed(name, pairs("--set", settings))
     times = np.linspace(0, _last_instant(until), steps + 1)
     data, picture = data_and_figure(out, plot, _animations(plot))
@@ -68,6 +74,8 @@ def actuate_command(
 
 
 def _last_instant(text: str) -> float:
+    from ..scene import to_si
+
     seconds = to_si(text, "s", "--until")
     if not 0 < seconds < math.inf:
         raise SceneError(f"--until: {text!r} is not allowed; allowed: a finite time of more than 0 s")
@@ -86,7 +94,7 @@ def _animations(plot: str | None) -> list[str]:
     return known
 
 
-def _draw(actuation: Actuation, place: Path) -> None:
+def _draw(actuation: "Actuation", place: Path) -> None:
     from ..report.motion import actuation_figure, animation_suffixes, save_animation
 
     if place.suffix.lower() in animation_suffixes():

@@ -3,11 +3,16 @@
 import contextlib
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..report.writing import OutputError, figure_place, output_place
-from ..scene import Scene, SceneError, SceneFile, bounds_to_si, read, replace, unit_of
+from ..errors import OutputError, SceneError
+from ..report.writing import figure_place, output_place
+from .process import prepare
+
+if TYPE_CHECKING:
+    from ..scene import Scene, SceneFile
 
 settings_option = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Change a parameter of the scene; may be repeated."
@@ -20,8 +25,32 @@ free_option = click.option(
     help='Parameters that may change, each a PATH or "PATH=LOWER:UPPER UNIT" with bounds of its own.',
 )  # fmt: skip
 
+_NO_CACHE = f"{__name__}.no_cache"
 
-class WithFree(click.Command):
+
+def _remember(ctx: click.Context, _: click.Parameter, given: bool) -> None:
+    ctx.meta[_NO_CACHE] = given or ctx.meta.get(_NO_CACHE)
+
+
+no_cache_option = click.Option(
+    ["--no-cache"], is_flag=True, expose_value=False, callback=_remember,
+    help="Keep no compiled programs for the next run, and use none.",
+)  # fmt: skip
+
+
+class Command(click.Command):
+    """A command that computes, with --no-cache behind its name as the group has it before."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.params.append(no_cache_option)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        prepare(cached=not ctx.meta.get(_NO_CACHE))
+        return super().invoke(ctx)
+
+
+class WithFree(Command):
     """A command whose --free takes all words up to the next option, as well as being repeated."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -68,17 +97,21 @@ def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def read_changed(name: str, changes: dict[str, str]) -> SceneFile:
+def read_changed(name: str, changes: dict[str, str]) -> "SceneFile":
     """The scene file `name` with what --set changes."""
+    from ..scene import read, replace
+
     file = read(name)
     with about(f"{file.name}: --set"):
         return file._replace(scene=replace(file.scene, changes))
 
 
 def free_bounds(
-    scene: Scene, texts: tuple[str, ...], unit: Callable[[Scene, str], str] = unit_of
+    scene: "Scene", texts: tuple[str, ...], unit: "Callable[[Scene, str], str]"
 ) -> dict[str, tuple[float, float] | None]:
     """The paths of --free with their bounds in SI, the `unit` of the path, or None for one without."""
+    from ..scene import bounds_to_si
+
     found: dict[str, tuple[float, float] | None] = {}
     for text in texts:
         path, equals, bounds = (part.strip() for part in text.partition("="))

@@ -2,10 +2,7 @@
 
 import click
 
-from ..report.fitted import calibration_json, calibration_text
 from ..report.writing import figure_place, output_place, save_figure, written_whole
-from ..scene import dumps
-from ..study import fit, read_measurements
 from .common import (
     WithFree,
     about,
@@ -62,13 +59,17 @@ def fit_command(
       cosserat-jax fit octopus tips.csv --free arm.youngs_modulus water.inlet_fraction --sigma "tip.y=0.005 cm"
       cosserat-jax fit octopus-tcam heat.csv --free "muscles.0.tcam.conductance=0.001:0.1 W/K" --out mine.toml
     """
+    from ..report.fitted import calibration_json, calibration_text
+    from ..scene import dumps, unit_of
+    from ..study import fit, read_measurements
+
     file = read_changed(name, pairs("--set", settings))
     scene_place = None if out is None else output_place("--out", out, [".toml"])
     figure = None if plot is None else figure_place("--plot", plot)
     sigma = pairs("--sigma", errors) or None
     measured = [read_measurements(file.scene, table, sigma) for table in tables]
     with about(file.name):
-        bounds = free_bounds(file.scene, free)
+        bounds = free_bounds(file.scene, free, unit_of)
         found = fit(file.scene, measured, bounds, loss=loss, starts=starts)  # pyright: ignore[reportArgumentType]
     if scene_place is not None:
         with about(file.name), written_whole(scene_place) as beside:

@@ -10,12 +10,9 @@ from typing import Any
 
 import click
 
-from .. import __version__
-from ..report.writing import OutputError
-from ..scene import SceneError, presets, read
-from ..scene.paths import nearest
+from ..errors import OutputError, SceneError, nearest
 from .actuate import actuate_command
-from .common import Stopped, say
+from .common import Command, Stopped, no_cache_option, say
 from .fit import fit_command
 from .reach import reach_command
 from .solve import solve_command
@@ -24,6 +21,8 @@ from .sweep import sweep_command
 
 class _Commands(click.Group):
     """click's group, with Ctrl-C as one line and a hint for a command that does not exist."""
+
+    command_class = Command
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple:
         if args[0] not in self.commands and not args[0].startswith("-"):
@@ -62,8 +61,13 @@ def _failed(message: str) -> int:
     return 2
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=False)
-@click.version_option(__version__, prog_name="cosserat-jax")
+@click.group(
+    cls=_Commands,
+    params=[no_cache_option],
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=False,
+)
+@click.version_option(package_name="cosserat_jax", prog_name="cosserat-jax")
 def _commands() -> None:
     """Statics of soft rods that bend under muscles and water.
 
@@ -89,6 +93,8 @@ def _scenes() -> None:
     Example:
       cosserat-jax scenes
     """
+    from ..scene import presets, read
+
     width = max(len(name) for name in presets())
     for name in presets():
         click.echo(f"{name:{width}}  {read(name).title}")

@@ -1,15 +1,12 @@
 """`cosserat-jax reach`."""
 
 import math
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from ..report.reach_text import reach_json, reach_text
+from ..errors import SceneError
 from ..report.writing import figure_place, save_figure
-from ..scene import SceneError, range_to_si, to_si
-from ..study import reach
-from ..study.controls import unit_of_control
 from .common import (
     WithFree,
     about,
@@ -21,6 +18,9 @@ from .common import (
     say_written,
     settings_option,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @click.command("reach", cls=WithFree)
@@ -57,6 +57,12 @@ def reach_command(
           --free muscles.0.tension muscles.1.tension muscles.2.tension --json --plot reach.png
       cosserat-jax reach octopus-tcam --target "0.4, 0.05 m" --free muscles.0.tcam.voltage --at "0.3 m"
     """
+    import numpy as np
+
+    from ..report.reach_text import reach_json, reach_text
+    from ..study import reach
+    from ..study.controls import unit_of_control
+
     file = read_changed(name, pairs("--set", settings))
     points = np.array([_point(text) for text in targets])
     figure = None if plot is None else figure_place("--plot", plot)
@@ -76,7 +82,11 @@ def reach_command(
     return 0 if bool(found.reached.all()) else 1
 
 
-def _point(text: str) -> np.ndarray:
+def _point(text: str) -> "np.ndarray":
+    import numpy as np
+
+    from ..scene import range_to_si
+
     point = np.zeros(0) if ":" in text else range_to_si(text, "m", "--target")
     if point.shape != (2,) or not np.isfinite(point).all():
         raise SceneError(f'--target: {text!r} is not a point; allowed: "X, Y UNIT", such as "0.3, 0.1 m"')
@@ -84,6 +94,8 @@ def _point(text: str) -> np.ndarray:
 
 
 def _place(text: str, length: float) -> float:
+    from ..scene import to_si
+
     place = to_si(text, "m", "--at")
     if not 0 < place <= length or math.isnan(place):
         raise SceneError(f"--at: {text!r} is not on the arm; allowed: more than 0 to {length:g} [m]")

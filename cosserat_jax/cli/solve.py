@@ -2,13 +2,11 @@
 
 import click
 
-from ..report.text import json_line, solution_text
 from ..report.writing import figure_place, save_figure
-from ..solver import check_steady, solve
-from .common import about, pairs, plot_option, read_changed, settings_option
+from .common import Command, about, pairs, plot_option, read_changed, settings_option
 
 
-@click.command("solve")
+@click.command("solve", cls=Command)
 @click.argument("scenes", metavar="SCENE...", nargs=-1, required=True)
 @settings_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object a line, in the order of the scenes.")
@@ -24,6 +22,9 @@ def solve_command(scenes: tuple[str, ...], settings: tuple[str, ...], as_json: b
       cosserat-jax solve octopus --set "muscles.0.tension=20 N" --set "water.velocity=0.4 m/s" --json
       cosserat-jax solve octopus octopus-printed my-arm.toml --plot arms.png
     """
+    from ..report.text import json_line, solution_text
+    from ..solver import check_steady, solve
+
     files = [read_changed(name, pairs("--set", settings)) for name in scenes]
     for file in files:
         with about(file.name):

@@ -4,16 +4,14 @@ import math
 import shutil
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
-from ..report.text import sweep_summary, sweep_table
-from ..report.writing import OutputError, batches_place, save_figure, written_whole
-from ..scene import Scene, SceneError, SceneFile, replace, sweep_values
-from ..solver import check_steady
-from ..study import Sweep, sweep
+from ..errors import OutputError, SceneError
+from ..report.writing import batches_place, save_figure, written_whole
 from .common import (
+    Command,
     Stopped,
     about,
     data_and_figure,
@@ -24,10 +22,16 @@ from .common import (
     settings_option,
 )
 
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..scene import Scene, SceneFile
+    from ..study import Sweep
+
 _MOST_RODS = 1_000_000  # some 10 GB of fields
 
 
-@click.command("sweep")
+@click.command("sweep", cls=Command)
 @click.argument("name", metavar="SCENE")
 @click.option(
     "--over", multiple=True, metavar="PATH=RANGE",
@@ -59,6 +63,9 @@ def sweep_command(
       cosserat-jax sweep octopus --over "muscles.0.tension=0:20:0.5 N" --over "water.velocity=0.2, 0.4 m/s" --out a.nc
       cosserat-jax sweep octopus --over "water.velocity=0:1:0.001 m/s" --batch 100 --out b.nc --resume
     """
+    from ..report.text import sweep_summary, sweep_table
+    from ..solver import check_steady
+
     changes = pairs("--set", settings)
     file = read_changed(name, changes)
     with about(file.name):
@@ -84,11 +91,13 @@ def sweep_command(
         click.echo(sweep_table(swept))
     click.echo(sweep_summary(file.name, swept, time.perf_counter() - start))
     say_written(data, figure)
-    return 0 if bool(np.all(swept.solution.converged)) else 1
+    return 0 if bool(swept.solution.converged.all()) else 1
 
 
-def _run(scene: Scene, grid: dict[str, np.ndarray], batch: int, kept: Path | None, resume: bool) -> Sweep:
+def _run(scene: "Scene", grid: "dict[str, np.ndarray]", batch: int, kept: Path | None, resume: bool) -> "Sweep":
     """The sweep, with its batches in the folder `kept` where there is more than one to keep."""
+    from ..study import sweep
+
     if kept is not None and kept.exists() and not resume:
         shutil.rmtree(kept)
     rods = math.prod(len(values) for values in grid.values())
@@ -102,8 +111,12 @@ def _run(scene: Scene, grid: dict[str, np.ndarray], batch: int, kept: Path | Non
         raise Stopped(f"stopped; {kept_there}, and the same command with --resume continues") from None
 
 
-def _grid(file: SceneFile, over: dict[str, str], changes: dict[str, str]) -> dict[str, np.ndarray]:
+def _grid(file: "SceneFile", over: dict[str, str], changes: dict[str, str]) -> "dict[str, np.ndarray]":
     """The values to sweep over, with every rod of the grid checked."""
+    import numpy as np
+
+    from ..scene import replace, sweep_values
+
     with about(f"{file.name}: {'--over' if over else '[sweep]'}"):
         grid = {path: sweep_values(file.scene, path, text) for path, text in over.items()} if over else file.sweep
         if not grid:

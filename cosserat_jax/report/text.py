@@ -2,7 +2,7 @@
 
 import json
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -11,7 +11,9 @@ import numpy as np
 from ..physics.tcam import tension_gain
 from ..scene import ZERO_CELSIUS, unit_of
 from ..solver import Outcome, ResponseOutcome, Solution, outcome_codes
-from ..study import Actuation, Sweep
+
+if TYPE_CHECKING:
+    from ..study import Actuation, Sweep
 
 _ROWS = 60  # of a table on the screen
 _FAILURES = 5  # that a summary spells out
@@ -51,7 +53,7 @@ def solution_text(name: str, solution: Solution) -> str:
     return "\n".join(lines)
 
 
-def sweep_table(swept: Sweep) -> str:
+def sweep_table(swept: "Sweep") -> str:
     """A line for each rod, the swept values, the tip and the outcome; of many rods the first and the last."""
     names = {"tip_x": "tip.x [m]", "tip_y": "tip.y [m]", "tip_theta": "tip.theta [rad]"}
     table = swept.to_xarray()[list(names)].to_dataframe().rename(columns=names)
@@ -60,7 +62,7 @@ def sweep_table(swept: Sweep) -> str:
     return table.to_string(max_rows=_ROWS)
 
 
-def sweep_summary(name: str, swept: Sweep, seconds: float) -> str:
+def sweep_summary(name: str, swept: "Sweep", seconds: float) -> str:
     """What was swept, what came of it, and the first of the rods that have no solution."""
     converged, heights = np.asarray(swept.solution.converged), np.asarray(swept.solution.tip.y)
     lines = [f"{name}: {converged.sum()} of {converged.size} rods converged"]
@@ -79,7 +81,7 @@ def sweep_summary(name: str, swept: Sweep, seconds: float) -> str:
     return "\n".join(lines)
 
 
-def actuation_json(name: str, actuation: Actuation) -> str:
+def actuation_json(name: str, actuation: "Actuation") -> str:
     """A motion as a JSON object on one line; a number that a muscle or the arm does not have is null.
 
     The temperature at the top is that of the hottest muscle, the force the largest with which one pulls, both between
@@ -106,7 +108,7 @@ def actuation_json(name: str, actuation: Actuation) -> str:
     return json.dumps(line, allow_nan=False)
 
 
-def actuation_text(name: str, actuation: Actuation) -> str:
+def actuation_text(name: str, actuation: "Actuation") -> str:
     """A motion in a few lines to read."""
     solution, times = actuation.solution, np.asarray(actuation.times)
     converged = np.asarray(solution.converged)
@@ -123,7 +125,7 @@ def actuation_text(name: str, actuation: Actuation) -> str:
     return "\n".join(lines)
 
 
-def overheated_lines(actuation: Actuation) -> list[str]:
+def overheated_lines(actuation: "Actuation") -> list[str]:
     """For each muscle that got hotter than its limit, how hot it was, when, and what to do."""
     advice = ResponseOutcome[ResponseOutcome.overheated].partition("; ")[2]
     lines = []
@@ -136,7 +138,7 @@ def overheated_lines(actuation: Actuation) -> list[str]:
     return lines
 
 
-def _muscle_line(actuation: Actuation, i: int) -> dict[str, Any]:
+def _muscle_line(actuation: "Actuation", i: int) -> dict[str, Any]:
     """What came of muscle `i`, its highest temperature, when, and with what force it then pulls."""
     response, tcam = actuation.responses[i], actuation.tcam(i)
     rise = response.peak.temperature - tcam.ambient_temperature
@@ -148,7 +150,7 @@ def _muscle_line(actuation: Actuation, i: int) -> dict[str, Any]:
     }
 
 
-def _motion_sentence(actuation: Actuation) -> str:
+def _motion_sentence(actuation: "Actuation") -> str:
     """What came of the worst of the muscles, and of the first instant at which the arm has no equilibrium."""
     worst = _worst(actuation)
     outcome, solution = actuation.responses[worst].outcome, actuation.solution
@@ -162,7 +164,7 @@ def _motion_sentence(actuation: Actuation) -> str:
     return f"{sentence}; {count}, first at {actuation.times[lost[0]]:.6g} s: {_one(solution, lost[0]).message}"
 
 
-def _worst(actuation: Actuation) -> int:
+def _worst(actuation: "Actuation") -> int:
     """The number of the muscle that fared worst: the members of `ResponseOutcome` go from good to bad."""
     return max(actuation.responses, key=lambda i: int(actuation.responses[i].outcome._value))
 
@@ -179,7 +181,7 @@ def _tension_text(tension: Any) -> str:
     return f"{float(tension):.6g} N" if tension > 0 else "0 N (slack)"
 
 
-def _rod_text(swept: Sweep, place: tuple[int, ...]) -> str:
+def _rod_text(swept: "Sweep", place: tuple[int, ...]) -> str:
     """The swept values of the rod at `place` of the grid, and what came of it."""
     values = [
         f"{path} = {values[i]:.6g} {unit_of(swept.scene, path)}".removesuffix(" 1")

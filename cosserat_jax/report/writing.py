@@ -6,12 +6,10 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..errors import OutputError
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-class OutputError(ValueError):
-    """An output cannot be written: one line that names the option, the file and what is allowed."""
 
 
 def output_place(option: str, file: str, suffixes: Collection[str]) -> Path:

@@ -1,9 +1,10 @@
 """Floor 1, describe: what a user writes. Scenes, their files with units, and the paths that name their parameters."""
 
+from ..errors import SceneError
 from .files import SceneFile, dumps, load, presets, read, sweep_values
 from .parts import Arm, Gravity, Muscle, Scene, SectionStiffness, Tip, Water
 from .paths import lookup, parameters, replace, unit_of
-from .quantity import Choice, Quantity, SceneError
+from .quantity import Choice, Quantity
 from .tcam import TCAM, ZERO_CELSIUS, LinearConductance
 from .units import bounds_to_si, range_to_si, to_si
 from .validate import validate_tcam

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
+from ..errors import SceneError, nearest
 from .parts import Scene
-from .paths import lookup, nearest
-from .quantity import Choice, Count, Function, Quantity, SceneError, Series, declaration
+from .paths import lookup
+from .quantity import Choice, Count, Function, Quantity, Series, declaration
 from .units import range_to_si, series_to_si, to_si
 
 

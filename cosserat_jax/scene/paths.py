@@ -1,15 +1,15 @@
 """Parameter paths: `muscles.0.tension` names one parameter in Python, in TOML, on the command line and in datasets."""
 
 import dataclasses
-import difflib
 from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 import jax
 
+from ..errors import SceneError, nearest
 from .parts import Muscle, Scene
-from .quantity import ANY, Choice, Count, Declaration, Function, Quantity, SceneError, Series, declaration
+from .quantity import ANY, Choice, Count, Declaration, Function, Quantity, Series, declaration
 from .units import series_to_si, to_si
 
 
@@ -89,12 +89,6 @@ def _replaced(part: Any, values: dict[tuple[str, ...], Any]) -> Any:
             if new.get(one) is not None:
                 new.setdefault(other, None)
     return dataclasses.replace(part, **new)
-
-
-def nearest(word: str, known: list[str]) -> str:
-    """A hint for a word that is not known: the nearest known one, or all of them."""
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {close[0]!r}?" if close else "allowed: " + ", ".join(known)
 
 
 def _field(part: Any, key: str, path: str, here: str) -> dataclasses.Field:

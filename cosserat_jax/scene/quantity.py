@@ -19,10 +19,6 @@ from jaxtyping import Array, Float
 Scalar = Float[Array, ""] | float
 
 
-class SceneError(ValueError):
-    """Something a user wrote cannot be a scene: one line that names the place, the value and what is allowed."""
-
-
 class Interval(NamedTuple):
     """The values a quantity may take; an infinite bound is one that only a quantity marked `infinite` reaches."""
 

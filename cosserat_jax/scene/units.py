@@ -2,21 +2,27 @@
 
 import functools as ft
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .quantity import SceneError
+from ..errors import SceneError
 
 _LONGEST_RANGE = 1_000_000
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+cache_folder: Path | None = None  # where the command line has pint keep its units: parsing them takes long
 
 
 @ft.cache
 def _registry() -> Any:
     import pint  # here, not above: importing the package must not cost what a unit parser costs
 
-    registry = pint.UnitRegistry()
+    try:
+        registry = pint.UnitRegistry(cache_folder=cache_folder)
+    except Exception:  # whatever reading a broken file raises, or one that another process is writing
+        registry = pint.UnitRegistry()
     registry.define("hertz = turn / second = Hz")  # pint's own is 1/s, so that 1 Hz would be 1 rad/s
     return registry
 

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .quantity import Choice, Count, Quantity, SceneError, Series, concrete, declaration
+from ..errors import SceneError
+from .quantity import Choice, Count, Quantity, Series, concrete, declaration
 from .tcam import TCAM
 from .voltage import AbstractVoltage, Pulses, Sampled
 

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import ndtri, stdtrit
 
 from ..scene import Scene, replace
 from .measurements import Measurements
@@ -116,6 +115,8 @@ class Calibration:
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Confidence intervals, value -+ t stderr, with Student's t where sigma is estimated from the residuals."""
+        from scipy.special import ndtri, stdtrit  # here, not above: it takes long to import
+
         tail = (1 + level) / 2
         t = float(ndtri(tail) if self.sigma_known else stdtrit(max(self.dof, 1), tail))
         return {

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..scene import Quantity, Scene, SceneError, lookup, replace, to_si
-from ..scene.paths import nearest
+from ..errors import SceneError, nearest
+from ..scene import Quantity, Scene, lookup, replace, to_si
 
 _POSE_UNITS = {"x": "m", "y": "m", "theta": "rad"}
 _TCAM_UNITS = {"temperature": "K", "tension": "N", "force": "N", "contraction": "m"}

@@ -1,0 +1,47 @@
+"""What the command line sets for its whole process before JAX is imported: a library must not, the user's own stays."""
+
+import atexit
+import gc
+import os
+import shutil
+import sys
+from pathlib import Path
+
+# XLA compiles a while loop that carries up to so many bytes without a task for each operation in it, and fuses
+# operations that share their operands. It ignores the name of an option that it does not have.
+_XLA_OPTIONS = "xla_cpu_small_while_loop_byte_threshold=1000000,xla_cpu_use_multi_output_fusion=true"
+_LARGEST_CACHE = 2**30  # bytes
+
+
+def prepare(cached: bool) -> None:
+    """Has JAX start, trace and compile faster, and if `cached` keep what is compiled for the processes to come."""
+    if "jax" in sys.modules:
+        return  # it has read its environment
+    gc.set_threshold(100_000, 20, 20)  # tracing makes many objects and little garbage
+    atexit.register(gc.freeze)  # or the interpreter would look for garbage in all of JAX before it ends
+    flags = os.environ.get("XLA_FLAGS", "")
+    if not flags or flags.startswith("--"):  # and not the name of a file with flags
+        os.environ["XLA_FLAGS"] = f"--xla_backend_extra_options={_XLA_OPTIONS} {flags}".rstrip()
+    if not cached:
+        os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
+    elif (folder := _cache_folder()) is not None:
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+        from ..scene import units
+
+        units.cache_folder = folder
+
+
+def _cache_folder() -> Path | None:
+    """The user's cache folder, emptied if it has grown too large; None where nothing can be written."""
+    import platformdirs
+
+    folder = platformdirs.user_cache_path("cosserat-jax", appauthor=False)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if sum(file.stat().st_size for file in folder.iterdir()) > _LARGEST_CACHE:
+            shutil.rmtree(folder)
+            folder.mkdir()
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK | os.X_OK) else None
