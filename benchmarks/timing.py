@@ -39,14 +39,12 @@ def in_turn(*calls: Callable[[], Any], repeats: int) -> list[list[float]]:
 def cpu_in_turn(
     calls: dict[str, Callable[[], Any]], repeats: int, limit: float = 30.0, least: float = 0.02
 ) -> dict[str, list[float]]:
-    """CPU seconds of warm calls taken in turn, all threads counted; each sample is the mean of calls over `least` s.
+    """CPU seconds of each, all threads counted, taken in turn; a sample is the mean of calls that take `least` seconds.
 
-    What has taken more than `limit` seconds sits out the rounds that remain.
+    All were called before. What has taken more than `limit` seconds in all sits out the rounds that remain.
     """
-    count, samples = {}, {name: [] for name in calls}
-    for name, call in calls.items():
-        jax.block_until_ready(call())
-        count[name] = 1 + int(least / max(cpu(call), 1e-6))
+    count = {name: 1 + int(least / max(cpu(call), 1e-6)) for name, call in calls.items()}
+    samples: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(repeats):
         for name, call in calls.items():
             if sum(samples[name]) * count[name] < limit:
