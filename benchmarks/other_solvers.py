@@ -244,7 +244,7 @@ def by_pyelastica(scene: Scene, elements: int, seconds: float = 2.5) -> Callable
 
 
 class Trial(NamedTuple):
-    """A scene in another solver: the package it comes in, and how fine it is to be, coarsest first."""
+    """A scene in another solver: the package it comes in, and how fine it is to be, in a quick run as the first says."""
 
     package: str
     module: str
@@ -260,10 +260,12 @@ SCENES = {
     "cantilever": replace(load("elastica"), {"arm.stiffness.axial": 4e4, "arm.stiffness.shear": 4e4 / 3}),
     "tendon-robot, 15 N": replace(load("tendon-robot"), {"muscles.0.tension": 15.0}),
 }
+# where the reference formulation of the tests is another model: its rod weighs more as it stretches
+TIPS = {"tendon-robot, 15 N": (0.4532292709, -0.1822116945)}
 TRIALS = (
-    Trial("scipy", "scipy", "octopus", by_scipy, "tol", (1e-3, 1e-6, 1e-9)),
+    Trial("scipy", "scipy", "octopus", by_scipy, "tol", (1e-9, 1e-6, 1e-3)),
     Trial("soromox", "soromox", "cantilever", by_soromox, "segments", (4, 16)),
-    Trial("exudyn", "exudyn", "cantilever", by_exudyn, "elements", (4, 16, 64)),
+    Trial("exudyn", "exudyn", "cantilever", by_exudyn, "elements", (64, 16, 4)),
     Trial("pyelastica", "elastica", "cantilever", by_pyelastica, "elements", (20, 50)),
     Trial("soromox", "soromox", "tendon-robot, 15 N", by_soromox, "segments", (4, 16)),
 )
