@@ -244,7 +244,7 @@ def by_pyelastica(scene: Scene, elements: int, seconds: float = 2.5) -> Callable
 
 
 class Trial(NamedTuple):
-    """A scene in another solver: the package it comes in, and how fine it is to be, in a quick run as the first says."""
+    """A scene in another solver: the package it comes in, and how fine it is to be, a quick run only as first said."""
 
     package: str
     module: str
