@@ -219,7 +219,7 @@ def batches(report: Report, floor: Floor, quick: bool) -> None:
     for name, (count, _) in calls.items():
         least, median = np.min(samples[name]) / count, np.median(samples[name]) / count
         rows.append([name, firsts[name], least, median, len(samples[name]), peaks[name], *floor.cells(least)])
-    columns = ("call", "first call, s", "us a rod, least", "median", "rounds", "peak MiB")
+    columns = ("call", "first call, s", "us a rod, least", "us, median", "rounds", "peak MiB")
     report.table("One rod and many", [*columns, *floor.columns()], rows)
 
 
@@ -266,13 +266,13 @@ def derivatives(report: Report, floor: Floor, quick: bool) -> None:
             ratios = least / np.min(base), median / np.median(base)
             times_a_rod = least / count, median / count
             rows.append([f"{name}, {what}", firsts[name], *times_a_rod, *ratios, *floor.cells(least / count)])
-    columns = ("derivative", "first call, s", "us a rod, least", "median", "in solves, least", "median")
+    columns = ("derivative", "first call, s", "us a rod, least", "us, median", "in solves, least", "in solves, median")
     report.table("Derivatives", [*columns, *floor.columns()], rows)
 
 
 def other_solvers(report: Report, quick: bool) -> None:
     """Error and time of other solvers, beside ours."""
-    columns = ("scene", "solver", "error of the tip, m", "ms a rod, least", "median", "in our solves")
+    columns = ("scene", "solver", "error of the tip, m", "ms a rod, least", "ms, median", "in our solves")
     ours, swept = "cosserat_jax, solve", "cosserat_jax, sweep of 82"
     rows = []
     for name, scene in SCENES.items():
