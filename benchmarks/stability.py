@@ -30,12 +30,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from collocation import hard
+from collocation import Tip, collocated, hard
+from from_base import BATCH, by_structure, from_base, stacked
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from rivals import BATCH, Tip, by_structure, collocated, from_base, stacked
 from timing import line, machine, table
 
 from cosserat_jax import Scene, Shooting, Solution, dumps, load, replace, solve, sweep

@@ -36,6 +36,29 @@ def in_turn(*calls: Callable[[], Any], repeats: int) -> list[list[float]]:
     return [list(times) for times in zip(*rounds, strict=True)]
 
 
+def cpu_in_turn(
+    calls: dict[str, Callable[[], Any]], repeats: int, limit: float = 30.0, least: float = 0.02
+) -> dict[str, list[float]]:
+    """CPU seconds of each, all threads counted, taken in turn; a sample is the mean of calls that take `least` seconds.
+
+    All were called before. What has taken more than `limit` seconds in all sits out the rounds that remain.
+    """
+    count = {name: 1 + int(least / max(cpu(call), 1e-6)) for name, call in calls.items()}
+    samples: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            if sum(samples[name]) * count[name] < limit:
+                samples[name].append(sum(cpu(call) for _ in range(count[name])) / count[name])
+    return samples
+
+
+def cpu(call: Callable[[], Any]) -> float:
+    """CPU seconds of one call, until its result is there."""
+    start = time.process_time()
+    jax.block_until_ready(call())
+    return time.process_time() - start
+
+
 def spread(times: list[float], per: int = 1) -> str:
     """Median and quartiles in milliseconds."""
     low, middle, high = 1e3 / per * np.quantile(times, [0.25, 0.5, 0.75])
@@ -46,21 +69,26 @@ def line(what: str, value: str, ratio: str = "") -> None:
     print(f"  {what:<48} {value:<52} {ratio}".rstrip(), flush=True)
 
 
-def machine() -> dict[str, str]:
-    """Processor, versions and the device that JAX runs on, printed and given back."""
+def about() -> dict[str, str]:
+    """Processor, versions and the device that JAX runs on."""
     rows = info.read_text().splitlines() if (info := Path("/proc/cpuinfo")).exists() else []
     models = [row.split(":", 1)[1].strip() for row in rows if row.startswith("model name")]
     versions = [f"{name} {importlib.metadata.version(name)}" for name in ("jax", "jaxlib", "diffrax", "numpy", "scipy")]
-    about = {
+    return {
         "processor": f"{models[0] if models else platform.processor()}, {os.cpu_count()} cores",
         "system": f"{platform.platform()}, Python {platform.python_version()}",
         "versions": ", ".join(versions),
         "JAX device": f"{jax.devices()[0].platform}: {jax.devices()[0].device_kind}",
     }
+
+
+def machine() -> dict[str, str]:
+    """`about()`, printed and given back."""
+    rows = about()
     print("\nMachine")
-    for what, value in about.items():
+    for what, value in rows.items():
         line(what, value)
-    return about
+    return rows
 
 
 def options(quick: str) -> argparse.Namespace:
@@ -81,14 +109,16 @@ def table(path: Path, about: dict[str, str], columns: Iterable[str], rows: Itera
         csv.writer(file).writerows([columns, *rows])
 
 
-def stages(function: Callable, argument: Any) -> tuple[Callable[[Any], Any], list[float]]:
+def stages(
+    function: Callable, argument: Any, clock: Callable[[], float] = time.perf_counter
+) -> tuple[Callable[[Any], Any], list[float]]:
     """`function` compiled for arguments like this one, and the seconds that tracing, lowering and compiling took."""
     jax.clear_caches()
     stage, times = jax.jit(function), []
     for proceed in (methodcaller("trace", argument), methodcaller("lower"), methodcaller("compile")):
-        start = time.perf_counter()
+        start = clock()
         stage = proceed(stage)
-        times.append(time.perf_counter() - start)
+        times.append(clock() - start)
     return stage, times
 
 

@@ -122,23 +122,21 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     first = jnp.clip(jnp.floor(tau * count).astype(int) - 1, 0, count - 4)
     local = tau * count - first
     weights = jnp.tensordot(jnp.asarray(_HERMITE), jnp.stack([local**i for i in range(9)]), 1)
-    rows = jax.tree.leaves(nodes.states)[0].shape[1]
-    start = first + rows * which
+    end, tree = jax.tree.flatten(nodes.end)
+    # all arrays of the state as one, [arrays, integrations and nodes, ...]
+    states = jnp.stack([leaf.at[:, count].set(last) for leaf, last in zip(jax.tree.leaves(nodes.states), end)])
+    slopes = jnp.stack(jax.tree.leaves(nodes.slopes))
+    start = first + states.shape[2] * which
+    states, slopes = (values.reshape(len(end), -1, *values.shape[3:]) for values in (states, slopes))
 
-    def interpolated(states: Array, slopes: Array, end: Array) -> Array:
-        states = lax.dynamic_update_index_in_dim(states, end[:, None], count, 1)
-        states, slopes = (values.reshape(-1, *values.shape[2:]) for values in (states, slopes))
+    def taken(values: Array, i: int, weight: Array) -> Array:
+        if start.ndim == values.ndim - 1:
+            return jnp.take_along_axis(values, (start + i)[None], axis=1) * weight
+        return values[:, start + i] * jnp.expand_dims(weight, tuple(range(start.ndim, values.ndim - 1)))
 
-        def taken(values: Array, i: int, weight: Array) -> Array:
-            if start.ndim == values.ndim:
-                return jnp.take_along_axis(values, start + i, axis=0) * weight
-            return values[start + i] * jnp.expand_dims(weight, tuple(range(start.ndim, values.ndim)))
-
-        at_nodes = [taken(states, i, weights[i]) for i in range(5)]
-        along = [taken(slopes, i, weights[5 + i] / count) for i in range(4)]
-        return sum(at_nodes[1:], at_nodes[0]) + sum(along[1:], along[0])
-
-    return jax.tree.map(interpolated, nodes.states, nodes.slopes, nodes.end)
+    total = sum((taken(slopes, i, weights[5 + i] / count) for i in range(4)), taken(states, 4, weights[4]))
+    total = sum((taken(states, i, weights[i]) for i in range(4)), total)
+    return jax.tree.unflatten(tree, list(total))
 
 
 def _hermite() -> Float[np.ndarray, "9 9"]:
@@ -176,5 +174,5 @@ def integrate(slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], mo
     kept: Any = solution.interpolation
     ys: Any = solution.ys
     end = [u[-1] for u in ys]
-    states, slopes, end = (jax.tree.unflatten(tree, part) for part in (kept.infos["y0"], kept.infos["y1"], end))
-    return Nodes(states, slopes, end, count)
+    parts = (kept.infos["y0"], kept.infos["y1"], end)
+    return Nodes(*(jax.tree.unflatten(tree, part) for part in parts), count)

@@ -3,8 +3,8 @@
 One loop runs one compiled integration from tip to base, again and again; what a pass is for is data. First the branch
 is followed in the load on a coarse grid (see `continuation`): a pass at the unknowns and one for each of them moved a
 little, whose differences are Newton's Jacobian. Then the equilibrium is polished on finer grids, with the Jacobian of
-the coarse one: each finer grid shows the error of the one before, and the first whose own error is small enough is the
-last.
+the coarse one: what changes from one grid to the next shows the error, and the first grid whose error is small enough
+is the last.
 """
 
 from typing import Any, NamedTuple
@@ -27,12 +27,14 @@ from .outcome import Outcome, code_of
 from .unknowns import Unknowns
 
 _PROBE = 1e-4  # fraction of the load at which the linear response of the arm is taken
+_PROBE_STEPS = 2  # for it
 _REACH = 2.0  # radians and lengths by which a prediction moves the tip at most
 _DIFFERENCE = 1e-7  # of an unknown, for the Jacobian
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 _SETTLED = 1e-4  # correction on a finer grid from which on it is as good as the root
 _POLISHED = 1e-10  # correction at which the last grid's root is found
-_SURE_ORDER = 6  # at which errors fall with the number of steps for sure, where Dopri8's should fall at the eighth
+_SURE_ORDER = 4  # at which errors fall with the number of steps; eight where all is smooth, less where a current
+# changes sides along the arm
 _MOST_POLISHES = 16  # passes on the finer grids
 _CONSISTENT = 1e-3  # error of the volume constraint at the base up to which a coarse integration counts
 
@@ -85,7 +87,7 @@ class _Loop(NamedTuple):
     columns: Array  # of its Jacobian by finite differences
     jacobian: Array
     taut: Array
-    prediction: Array
+    prediction: Array  # of the equilibrium, by the last grid
     estimate: Array
     correction: Array
     trajectory: Trajectory
@@ -165,10 +167,11 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         root = jnp.concatenate([loop.unknowns + step, place])
         size = jnp.where(alive, _size(step), 0.0)
         is_settled = ~(size > _SETTLED).any() | (loop.passes >= _MOST_POLISHES - 2)
-        finer = levels[loop.level] / levels[jnp.maximum(loop.level - 1, 0)]
-        change = _size(root - loop.prediction) / (finer**_SURE_ORDER - 1)
         is_first = loop.level == 0
-        estimate = jnp.where(is_settled & ~loop.is_last & ~is_first, change, loop.estimate)
+        counts = is_settled & ~loop.is_last
+        finer = levels[loop.level] / levels[jnp.maximum(loop.level - 1, 0)]
+        estimate = _size(root - loop.prediction) / (finer**_SURE_ORDER - 1)
+        estimate = jnp.where(counts & ~is_first, estimate, loop.estimate)
         accurate = ~is_first & ~(alive & ~(estimate <= settings.error)).any()
         is_final_grid = accurate | (loop.level == len(levels) - 1)
         polished = ~(size > _POLISHED).any() | (loop.passes >= _MOST_POLISHES)
@@ -179,7 +182,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
             passes=loop.passes + 1,
             done=done,
             unknowns=jnp.where(alive & ~done, loop.unknowns + step, loop.unknowns),
-            prediction=jnp.where(is_settled & ~loop.is_last, root, loop.prediction),
+            prediction=jnp.where(counts, root, loop.prediction),
             estimate=estimate,
             correction=_size(step),
             value=value,
@@ -192,7 +195,9 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         load = jnp.where(is_polish & alive, 1.0, loop.branch.trial_load)
         moved = (jnp.arange(1, n + 1) == loop.column)[:, None] * _DIFFERENCE
         at = jnp.where(is_polish, loop.unknowns, loop.branch.trial + moved)
-        count = jnp.where(is_polish, levels[loop.level], settings.coarse_steps).astype(int)
+        is_probe = loop.branch.iterations.max() == 0
+        coarse = jnp.where(is_probe, _PROBE_STEPS, settings.coarse_steps)
+        count = jnp.where(is_polish, levels[loop.level], coarse).astype(int)
         value, taut, trajectory = evaluate(load, at, count)
         followed = follow(loop, value, trajectory.base, taut)
         polished = polish(loop, value, taut)

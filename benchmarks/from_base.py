@@ -1,8 +1,7 @@
-"""What one would write without the package: shooting from the base, and `solve_bvp` within a limit of time."""
+"""What one would write without the package: plain single shooting from the base."""
 
-import signal
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -10,24 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from collocation import reference
-from cosserat_jax.physics.muscles import active_stretches
-from cosserat_jax.physics.section import stiffness_at
+from collocation import Tip
 
 from cosserat_jax import Scene
 from cosserat_jax.physics.rod import Rod, RodState, derivative
 
 BATCH = 64
-
-
-class Tip(NamedTuple):
-    """What a method makes of a scene: a tip [m] if it found one, and how."""
-
-    found: bool
-    x: float
-    y: float
-    how: str
-    seconds: float
 
 
 def stacked(scenes: list[Scene]) -> Scene:
@@ -100,22 +87,3 @@ def from_base(scenes: list[Scene]) -> tuple[list[Tip], float]:
             spent += seconds * len(some) / BATCH
             tips |= {i: Tip(bool(found[j]), x[j], y[j], "", seconds / BATCH) for j, i in enumerate(some)}
     return [tips[i] for i in range(len(scenes))], spent
-
-
-def collocated(plain: dict[str, Any], cold: bool, limit: int = 15) -> Tip:
-    """What `solve_bvp` makes of a scene within `limit` seconds."""
-
-    def give_up(*_: Any) -> None:
-        raise TimeoutError
-
-    signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(limit)
-    begin = time.perf_counter()
-    try:
-        found = reference.solve(plain, tol=1e-8, cold=cold)
-        outcome = (found.converged, found.x, found.y, found.message)
-    except TimeoutError:
-        outcome = (False, np.nan, np.nan, f"given up after {limit} s")
-    finally:
-        signal.alarm(0)
-    return Tip(*outcome, time.perf_counter() - begin)
