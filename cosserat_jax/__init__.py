@@ -79,7 +79,14 @@ else:
     os.environ["JAX_ENABLE_X64"] = "1"  # JAX reads it when it is imported
 
 if not TYPE_CHECKING:  # a type checker would take every name for one that exists
-    _FLOORS = ("scene", "physics.loads", "physics.section_laws", "physics.tcam", "solver", "study")  # each imports those before it
+    _FLOORS = (
+        "scene",
+        "physics.loads",
+        "physics.section_laws",
+        "physics.tcam",
+        "solver",
+        "study",
+    )  # each imports those before it
 
     def __getattr__(name: str) -> Any:
         """Imports a public name when it is first used: the command line answers `--help` without waiting for JAX."""

@@ -123,20 +123,32 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     local = tau * count - first
     weights = jnp.tensordot(jnp.asarray(_HERMITE), jnp.stack([local**i for i in range(9)]), 1)
     end, tree = jax.tree.flatten(nodes.end)
-    # all arrays of the state as one, [arrays, integrations and nodes, ...]
-    states = jnp.stack([leaf.at[:, count].set(last) for leaf, last in zip(jax.tree.leaves(nodes.states), end)])
+    # all arrays of the state as one, [arrays, integrations and nodes, ...]; what room is left is not a number
+    states = jnp.stack(
+        [leaf.at[:, count].set(last) for leaf, last in zip(jax.tree.leaves(nodes.states), end, strict=True)]
+    )
     slopes = jnp.stack(jax.tree.leaves(nodes.slopes))
+    row = jnp.arange(states.shape[2]).reshape(-1, *(1,) * (states.ndim - 3))
+    states, slopes = jnp.where(row <= count, states, 0.0), jnp.where(row < count, slopes, 0.0)
     start = first + states.shape[2] * which
     states, slopes = (values.reshape(len(end), -1, *values.shape[3:]) for values in (states, slopes))
-
-    def taken(values: Array, i: int, weight: Array) -> Array:
-        if start.ndim == values.ndim - 1:
-            return jnp.take_along_axis(values, (start + i)[None], axis=1) * weight
-        return values[:, start + i] * jnp.expand_dims(weight, tuple(range(start.ndim, values.ndim - 1)))
-
-    total = sum((taken(slopes, i, weights[5 + i] / count) for i in range(4)), taken(states, 4, weights[4]))
-    total = sum((taken(states, i, weights[i]) for i in range(4)), total)
+    if start.ndim < states.ndim - 1:  # places that the batch shares: a matrix, for reading rows by their number is slow
+        at_states = _matrix(weights[:5], start, states.shape[1])
+        at_slopes = _matrix(weights[5:] / count, start, states.shape[1])
+        total = jnp.einsum("pr,ar...->ap...", at_states, states) + jnp.einsum("pr,ar...->ap...", at_slopes, slopes)
+    else:
+        rows = [(states, i, weights[i]) for i in range(5)] + [(slopes, i, weights[5 + i] / count) for i in range(4)]
+        parts = [jnp.take_along_axis(values, (start + i)[None], axis=1) * weight for values, i, weight in rows]
+        total = sum(parts[1:], parts[0])
     return jax.tree.unflatten(tree, list(total))
+
+
+def _matrix(
+    weights: Float[Array, "nodes points"], start: Int[Array, " points"], rows: int
+) -> Float[Array, "points rows"]:
+    """The matrix that combines rows, for each point those from `start` on."""
+    columns = start[:, None] + jnp.arange(len(weights))
+    return jnp.zeros((len(start), rows)).at[jnp.arange(len(start))[:, None], columns].set(weights.T)
 
 
 def _hermite() -> Float[np.ndarray, "9 9"]:

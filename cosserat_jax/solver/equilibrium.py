@@ -25,7 +25,7 @@ class Equilibrium(batching.BatchFunction):
     """From the numbers of the method, the places s / L of the fields, and the floats of a scene to a `Report`."""
 
     structure: Structure
-    chunk: int = 512
+    chunk: int = 1024
 
     @property
     def ranks(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -43,10 +43,10 @@ class Equilibrium(batching.BatchFunction):
         settings, places, *leaves = arguments
         batch = next(a.shape[-1] for a, r in zip(arguments, self.ranks, strict=True) if a.ndim > r)
         scene = self.structure.scene(leaves)
-        coarse, error, newton_tol, max_iterations, min_load_step = (settings[i] for i in range(5))
-        given = Settings(coarse, settings[5:], error, newton_tol, max_iterations, min_load_step)
+        coarse, error, newton_tol, max_iterations, min_load_step, grids = (settings[i] for i in range(6))
+        given = Settings(coarse, grids, settings[6:], error, newton_tol, max_iterations, min_load_step)
         found = find(scene, given, self.structure.tableau, self.structure.most, batch)
-        rod, trajectory, n = found.rod, found.trajectory, len(found.unknowns)
+        rod, trajectory = found.rod, found.trajectory
         s = arc_lengths(places, rod.length, batch)
         # the tip is looked at beside the points
         tip_s = jnp.broadcast_to(jnp.asarray(rod.length, float), s.shape[1:])[None]

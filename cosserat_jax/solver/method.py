@@ -14,6 +14,8 @@ from ..physics.tcam import fastest_rate
 from ..scene import TCAM
 from ..scene.quantity import concrete
 
+_MOST_GRIDS = 4  # of single shooting
+_ROOM = 20  # steps that any program of single shooting has room for, so that methods share it
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
 
 
@@ -52,14 +54,20 @@ class SingleShooting(eqx.Module):
     solver: diffrax.AbstractERK = diffrax.Dopri8()
 
     def __check_init__(self) -> None:
-        if len(self.steps) < 2 or min(self.steps) < 4 or list(self.steps) != sorted(set(self.steps)):
-            raise ValueError(f"steps must be at least two growing numbers from 4 on, but are {self.steps}")
+        if not 2 <= len(self.steps) <= _MOST_GRIDS or self.steps[0] < 4 or list(self.steps) != sorted(set(self.steps)):
+            raise ValueError(f"steps must be two to {_MOST_GRIDS} growing numbers from 4 on, but are {self.steps}")
 
     @property
     def settings(self) -> Float[np.ndarray, " settings"]:
         """What is data to the compiled program."""
         numbers = (self.coarse_steps, self.error, self.newton_tol, self.max_iterations, self.min_load_step)
-        return np.array([*numbers, *self.steps], float)
+        grids = self.steps + self.steps[-1:] * (_MOST_GRIDS - len(self.steps))
+        return np.array([*numbers, len(self.steps), *grids], float)
+
+    @property
+    def room(self) -> int:
+        """The most steps that the compiled program has room for."""
+        return max(_ROOM, *self.steps)
 
 
 class MultipleShooting(eqx.Module):
@@ -82,18 +90,24 @@ class MultipleShooting(eqx.Module):
 class Automatic(eqx.Module):
     """What `solve` and `sweep` do by default: `methods` in turn, each for the rods that the one before did not solve.
 
-    First single shooting; for what that loses, single shooting on finer grids; for what that loses, multiple shooting.
-    Which rods are lost is looked at in Python, so where JAX is tracing, as under `jit` and `vmap`, only the first of
-    the methods is used. `error` [rad, lengths of the arm] is the one number that sets how accurate all of them are.
+    First single shooting on two grids, so that in a batch no rod waits for the finer grids of another; for what that
+    loses, single shooting on finer grids; for what that loses, multiple shooting. Which rods are lost is looked at in
+    Python, so where JAX is tracing, as under `jit` and `vmap`, `SingleShooting()` with all its grids is used alone.
+    `error` [rad, lengths of the arm] is the one number that sets how accurate all of them are.
     """
 
     error: float = eqx.field(static=True, default=1e-8)
 
     @property
+    def traced(self) -> SingleShooting:
+        """What is used where JAX is tracing."""
+        return SingleShooting(self.error)
+
+    @property
     def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting]:
         """The methods, in turn."""
         return (
-            SingleShooting(self.error),
+            SingleShooting(self.error, steps=self.traced.steps[:2]),
             SingleShooting(self.error, steps=(11, 13, 16, 20), coarse_steps=6),
             MultipleShooting(error=self.error),
         )
@@ -108,10 +122,12 @@ def tableau_of(solver: diffrax.AbstractERK) -> Tableau:
 Method = SingleShooting | MultipleShooting | Automatic
 
 
-def methods_of(method: Method | None) -> tuple[SingleShooting | MultipleShooting, ...]:
-    """The methods to try in turn; None is `Automatic()`."""
+def methods_of(method: Method | None, *, traced: bool = False) -> tuple[SingleShooting | MultipleShooting, ...]:
+    """The methods to try in turn, where JAX is tracing only one; None is `Automatic()`."""
     method = Automatic() if method is None else method
-    return method.methods if isinstance(method, Automatic) else (method,)
+    if isinstance(method, Automatic):
+        return (method.traced,) if traced else method.methods
+    return (method,)
 
 
 class TimeStepping(eqx.Module):

@@ -43,6 +43,7 @@ class Settings(NamedTuple):
     """The numbers of `SingleShooting` that a program takes as data: another value is no recompile."""
 
     coarse_steps: Any
+    grids: Any  # how many of `steps` there are
     steps: Any
     error: Any
     newton_tol: Any
@@ -173,7 +174,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         estimate = _size(root - loop.prediction) / (finer**_SURE_ORDER - 1)
         estimate = jnp.where(counts & ~is_first, estimate, loop.estimate)
         accurate = ~is_first & ~(alive & ~(estimate <= settings.error)).any()
-        is_final_grid = accurate | (loop.level == len(levels) - 1)
+        is_final_grid = accurate | (loop.level >= settings.grids - 1)
         polished = ~(size > _POLISHED).any() | (loop.passes >= _MOST_POLISHES)
         done = loop.is_last & polished
         return loop._replace(

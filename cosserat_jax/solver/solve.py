@@ -1,6 +1,7 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
 import functools as ft
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -9,9 +10,10 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from ..numerics import batching
 from ..scene import Scene, SceneError
 from ..scene.quantity import as_floats, is_traced
-from .equilibrium import equilibrium
+from .equilibrium import Equilibrium, equilibrium
 from .method import Method, MultipleShooting, SingleShooting, methods_of, tableau_of
 from .multiple_shooting import multiple_shooting
 from .outcome import Outcome, code_of, from_codes
@@ -30,7 +32,7 @@ def solve(
 ) -> Solution:
     """The static equilibrium of `scene` that raising all its loads in proportion from zero leads to.
 
-    Under `jit` and `vmap` only the first method of `Automatic` is used, single shooting, for it needs values to know
+    Under `jit` and `vmap` only single shooting is used, the `traced` method of `Automatic`, for it takes values to know
     which rods that has lost. Otherwise `solve` does the same under `jax.jit`, `vmap`, `grad`, `jacfwd` and any nesting
     of them; derivatives with respect to every float of the scene are those of the implicit function theorem, forward
     for a few directions and backward, by the discrete adjoint, at a cost that the number of parameters does not change.
@@ -53,9 +55,10 @@ def solve(
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError('cosserat_jax needs double precision: undo jax.config.update("jax_enable_x64", False)')
     check_steady(scene)
-    methods = methods_of(method)
+    traced = is_traced(scene)
+    methods = methods_of(method, traced=traced)
     places = places_of(points)
-    if is_traced(scene):
+    if traced:
         return solve_once(as_floats(scene), methods[0], places)
     solution = solve_once(scene, methods[0], places)
     for harder in methods[1:]:
@@ -94,7 +97,7 @@ def solve_once(scene: Scene, method: SingleShooting | MultipleShooting, places: 
         return solution_of(multiple_shooting(as_floats(scene), jnp.asarray(places), method))
     leaves, tree = jax.tree.flatten(scene)
     leaves = [leaf if isinstance(leaf, jax.Array) else np.asarray(leaf, float) for leaf in leaves]
-    structure = Structure(tree, tuple(np.ndim(leaf) for leaf in leaves), tableau_of(method.solver), max(method.steps))
+    structure = Structure(tree, tuple(np.ndim(leaf) for leaf in leaves), tableau_of(method.solver), method.room)
     return _jitted(structure, method.settings, places, leaves)
 
 
@@ -113,37 +116,37 @@ def solve_batch(scene: Scene, method: SingleShooting | MultipleShooting, places:
         axes = [0 if np.ndim(leaf) else None for leaf in leaves]
         one = ft.partial(solve_once, method=method, places=places)
         return jax.vmap(lambda leaves: one(jax.tree.unflatten(tree, leaves)), in_axes=(axes,))(leaves)
-    structure = Structure(tree, (0,) * len(leaves), tableau_of(method.solver), max(method.steps))
-    leaves = [leaf if isinstance(leaf, jax.Array) else np.asarray(leaf, float) for leaf in leaves]
-    return _jitted_batch(structure, method.settings, places, leaves)
+    structure = Structure(tree, (0,) * len(leaves), tableau_of(method.solver), method.room)
+    if is_traced(scene):
+        axes = [0 if np.ndim(leaf) else None for leaf in leaves]
+        one = ft.partial(equilibrium, structure, method.settings, places)
+        return jax.vmap(lambda leaves: solution_of(one(leaves)), in_axes=(axes,))(leaves)
+    report = _jitted_batch(structure, method.settings, places, [np.asarray(leaf, float) for leaf in leaves])
+    return solution_of(report, batch_first=lambda values: np.moveaxis(np.asarray(values), -1, 0))
 
 
 @ft.partial(jax.jit, static_argnums=0)
-def _jitted_batch(structure: Structure, settings: Array, places: Array, leaves: list[Array]) -> Solution:
-    axes = [0 if leaf.ndim else None for leaf in leaves]
-
-    def one(leaves: list[Array]) -> Solution:
-        return solution_of(equilibrium(structure, settings, places, leaves))
-
-    return jax.vmap(one, in_axes=(axes,))(leaves)
+def _jitted_batch(structure: Structure, settings: Array, places: Array, leaves: list[Array]) -> Report:
+    return Report(*batching.apply(Equilibrium(structure), settings, places, *leaves))
 
 
-def solution_of(report: Report) -> Solution:
-    """The `Solution` that a report makes, of one rod."""
-    tip = dict(zip(TIP, report.tip, strict=True))
+def solution_of(report: Report, batch_first: Callable[[Any], Any] = lambda values: values) -> Solution:
+    """The `Solution` that a report makes, of one rod, or of many with a function that puts the rods first."""
+    at = jax.tree.map(batch_first, report._replace(tip=list(report.tip), fields=list(report.fields)))
+    tip = dict(zip(TIP, at.tip, strict=True))
     return Solution(
         tip=Pose(tip["x"], tip["y"], tip["theta"]),
         tip_strain=SectionStrains(tip["nu"], tip["eta"], tip["mu"], tip["beta"]),
-        fields=Fields(**dict(zip(FIELDS, report.fields, strict=True))),
-        outcome=from_codes(Outcome, report.outcome),
-        residual=report.residual,
-        error=report.error,
-        condition=report.condition,
-        iterations=report.iterations,
-        steps=report.steps,
-        load_fraction=report.load_fraction,
-        failed_at=report.failed_at,
-        tensions=report.tensions,
+        fields=Fields(**dict(zip(FIELDS, at.fields, strict=True))),
+        outcome=from_codes(Outcome, at.outcome),
+        residual=at.residual,
+        error=at.error,
+        condition=at.condition,
+        iterations=at.iterations,
+        steps=at.steps,
+        load_fraction=at.load_fraction,
+        failed_at=at.failed_at,
+        tensions=at.tensions,
     )
 
 

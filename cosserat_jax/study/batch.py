@@ -21,7 +21,7 @@ def solve_rods(scene: Scene, method: Method | None, places: Float[np.ndarray, " 
     by multiple shooting one by one, so that no rod waits for another's load steps. While JAX is tracing nothing can be
     looked at, and all are left as the first method leaves them.
     """
-    methods = methods_of(method)
+    methods = methods_of(method, traced=is_traced(scene))
     solution = solve_batch(scene, methods[0], places)
     if is_traced(scene):
         return solution

@@ -73,9 +73,9 @@ def fit(
         found = minimise(problem, values, jnp.asarray(begin), solver, steps)
         return Calibration(scene, measured, problem, found, solver, steps)
 
-    first, *harder = methods_of(method)
-    found = by(first)
-    return by(harder[-1]) if found.lost_rows and harder else found
+    found = by(*methods_of(method, traced=True))
+    harder = methods_of(method)[-1]
+    return by(harder) if found.lost_rows and method is None else found
 
 
 def _solver(optimiser: Any) -> Any:

@@ -84,7 +84,7 @@ class Arms:
         check_driven(scene, controls)
         arc_lengths = _arc_lengths(scene, at)
         points, places = _with_places(arc_lengths / float(scene.arm.length))
-        return cls(scene, controls, arc_lengths, methods_of(method)[0], points, places)
+        return cls(scene, controls, arc_lengths, methods_of(method, traced=True)[0], points, places)
 
     @property
     def length(self) -> float:
