@@ -132,13 +132,18 @@ def section_law(scene: Scene) -> AbstractSectionLaw:
         return arm.section_law
     factor = arm.stiffness_factor
     if arm.stiffness is not None:
-        return GivenStiffness(
-            factor * arm.stiffness.axial, factor * arm.stiffness.shear, factor * arm.stiffness.bending
-        )
+        given = arm.stiffness
+        return GivenStiffness(_times(factor, given.axial), _times(factor, given.shear), factor * given.bending)
     assert arm.youngs_modulus is not None  # a valid scene has the moduli, the stiffness or the law
     assert arm.poisson_ratio is not None
     axial = factor * arm.youngs_modulus
     return LinearElastic(axial, axial / (2 * (1 + arm.poisson_ratio)))
+
+
+def _times(factor: Scalar, stiffness: Scalar) -> Scalar:
+    """factor * stiffness, of which an infinite one has no slope; that of the product would be 0 * inf."""
+    is_finite = jnp.isfinite(jnp.asarray(stiffness, float))
+    return jnp.where(is_finite, factor * jnp.where(is_finite, stiffness, 1.0), jnp.inf)
 
 
 def tip_state(rod: Rod, x: Scalar, y: Scalar, theta: Scalar) -> RodState:
