@@ -256,7 +256,7 @@ def _consistent(slope_at: Callable[[Scalar], tuple[Scalar, Any]], beta: Scalar) 
 
 def _strains(
     law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, beta_s: Scalar
-) -> tuple[Scalar, Scalar, Scalar]:
+) -> tuple[Array, Array, Array]:
     """By Newton's method, from the strains of the tangents that are not normalized where the law is linear."""
     shape = jnp.broadcast_shapes(*(jnp.shape(part) for part in (*load, place.radius, beta, beta_s)))
     one, zero = jnp.ones(shape), jnp.zeros(shape)
@@ -302,7 +302,7 @@ def _general(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Sca
     _, back = jax.vjp(constraint, *at)
     by_beta, by_s, *by_load = back(jnp.ones_like(nu))
 
-    def slope_at(strains: tuple, scale: Scalar, beta_s: Scalar) -> tuple[Scalar, Any]:
+    def slope_at(strains: tuple[Scalar, Scalar, Scalar], scale: Scalar, beta_s: Scalar) -> tuple[Scalar, Any]:
         rates, more = loads(*strains, scale, beta_s)
         return -(by_s + sum(slope * rate for slope, rate in zip(by_load, rates, strict=True))) / by_beta, more
 

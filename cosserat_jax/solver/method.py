@@ -53,6 +53,13 @@ class SingleShooting(eqx.Module):
     def __check_init__(self) -> None:
         if len(self.steps) < 2 or min(self.steps) < 4 or list(self.steps) != sorted(set(self.steps)):
             raise ValueError(f"steps must be at least two growing numbers from 4 on, but are {self.steps}")
+        if self.coarse_steps < 1:
+            raise ValueError(f"coarse_steps must be at least 1, but is {self.coarse_steps}")
+
+    @property
+    def most_steps(self) -> int:
+        """The most steps in a segment."""
+        return max(self.coarse_steps, *self.steps)
 
     @property
     def settings(self) -> Float[np.ndarray, " settings"]:
