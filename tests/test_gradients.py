@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cosserat_jax import Gravity, Muscle, MultipleShooting, Scene, SingleShooting, Tip, load, parameters, replace, solve
+from cosserat_jax import Gravity, MultipleShooting, Muscle, Scene, SingleShooting, Tip, load, parameters, replace, solve
 from cosserat_jax.solver import Method
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
