@@ -3,7 +3,6 @@
 import dataclasses
 import re
 
-import diffrax
 import equinox as eqx
 import jax
 import matplotlib
@@ -12,7 +11,7 @@ import pytest
 from drawn import by_gid, overlapping_words, words
 from matplotlib.figure import Figure
 
-from cosserat_jax import Outcome, Scene, Shooting, Solution, Sweep, load, replace, sweep
+from cosserat_jax import Outcome, Scene, Solution, Sweep, load, replace, sweep
 from cosserat_jax.report import figures
 from cosserat_jax.report.arm import draw_arm, draw_directors, draw_surroundings, surfaces
 from cosserat_jax.report.layout import Layout, prefixed, spread
@@ -32,7 +31,7 @@ named = pytest.mark.parametrize("draw", OF_SWEEPS, ids=lambda draw: draw.__name_
 @pytest.fixture(scope="module")
 def swept() -> Sweep:
     over = {"muscles.0.tension": [0.0, 10.0, 20.0], "water.velocity": [0.2, 0.4]}
-    return sweep(load("octopus"), over, Shooting(solver=diffrax.Tsit5(), points=15))
+    return sweep(load("octopus"), over, points=15)
 
 
 def one_rod(swept: Sweep, *index: int) -> tuple[Scene, Solution]:

@@ -17,7 +17,7 @@ from conversion import plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cosserat_jax import Pulses, SceneError, Shooting, fit, load, read_measurements, replace, solve, tcam_response
+from cosserat_jax import Pulses, SceneError, fit, load, read_measurements, replace, solve, tcam_response
 from cosserat_jax.study.problem import LOSSES
 from cosserat_jax.study.uncertainty import not_told_apart, uncertainty
 
@@ -180,7 +180,7 @@ def test_markers_under_a_voltage_give_the_modulus_but_not_with_the_gain_as_well(
     fields = [
         solve(
             dataclasses.replace(hidden, muscles=(dataclasses.replace(scene.muscles[0], tcam=None, tension=pull),)),
-            Shooting(points=419),
+            points=419,
         ).fields
         for pull in pulls
     ]

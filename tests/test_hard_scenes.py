@@ -10,10 +10,11 @@ import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosserat_jax import Outcome, Scene, Shooting, Solution, parameters, replace, solve, sweep
+from cosserat_jax import MultipleShooting, Outcome, Scene, SingleShooting, Solution, parameters, replace, solve, sweep
 from cosserat_jax.scene.quantity import as_floats
+from cosserat_jax.solver import Method
 
-METHOD = Shooting(points=5)
+POINTS = 5
 SEED = 2026
 TAUT, TAUT_SOFT, HANGING = 55, 78, 65  # single shooting loses the branch at 0.55, 0.41 and 0.30 of the load
 
@@ -23,13 +24,13 @@ def scene(number: int) -> Scene:
 
 
 @functools.cache
-def solution(number: int, method: Shooting = METHOD) -> Solution:
-    return solve(scene(number), method, throw=False)
+def solution(number: int, method: Method | None = None) -> Solution:
+    return solve(scene(number), method, points=POINTS, throw=False)
 
 
 @pytest.mark.parametrize("number", [TAUT, pytest.param(TAUT_SOFT, marks=pytest.mark.slow), HANGING])
 def test_agrees_with_collocation_where_single_shooting_does_not_reach(number: int):
-    assert not solution(number, METHOD.single).converged
+    assert not solution(number, SingleShooting()).converged
     plain, found = hard.drawn(SEED, number), solution(number)
     expected = reference.solve(plain, tol=1e-8)
     assert expected.converged
@@ -41,7 +42,7 @@ def test_agrees_with_collocation_where_single_shooting_does_not_reach(number: in
 @pytest.mark.parametrize("number", [68, 37])
 def test_both_formulations_stop_at_the_same_limit_point(number: int):
     """Before the full load, where other equilibria exist that a bold step would land on."""
-    both = [solution(number, method) for method in (METHOD.single, METHOD.multiple)]
+    both = [solution(number, method) for method in (SingleShooting(), MultipleShooting())]
     assert [Outcome[one.outcome] for one in both] == [Outcome[Outcome.limit_point]] * 2
     assert 0 < both[0].load_fraction < 1
     assert float(both[0].load_fraction) == pytest.approx(float(both[1].load_fraction), rel=1e-3)
@@ -53,11 +54,11 @@ def test_sweep_solves_rods_that_need_it_by_multiple_shooting():
     """And leaves their neighbours as they are: each is the same as alone."""
     tension = float(scene(TAUT).muscles[0].tension)
     over = {"muscles.0.tension": [0.0, tension], "water.velocity": [0.05, float(scene(TAUT).water.velocity)]}
-    swept = sweep(scene(TAUT), over, METHOD).solution
+    swept = sweep(scene(TAUT), over, points=POINTS).solution
     assert swept.converged.all()
     for i, pull in enumerate(over["muscles.0.tension"]):
         for j, speed in enumerate(over["water.velocity"]):
-            alone = solve(replace(scene(TAUT), {"muscles.0.tension": pull, "water.velocity": speed}), METHOD)
+            alone = solve(replace(scene(TAUT), {"muscles.0.tension": pull, "water.velocity": speed}), points=POINTS)
             np.testing.assert_allclose(swept.tip.x[i, j], alone.tip.x, rtol=0, atol=1e-12)
             np.testing.assert_allclose(swept.tip.y[i, j], alone.tip.y, rtol=0, atol=1e-12)
 
@@ -66,7 +67,7 @@ def test_sweep_solves_rods_that_need_it_by_multiple_shooting():
 def test_gradient_through_multiple_shooting_equals_central_differences():
     """Of a plain `jax.grad`, which chooses multiple shooting by itself, along a random direction in all parameters."""
     at = as_floats(scene(TAUT))
-    gradient = jax.grad(lambda scene: solve(scene, METHOD, throw=False).tip.y)(at)
+    gradient = jax.grad(lambda scene: solve(scene, points=POINTS, throw=False).tip.y)(at)
     rng = np.random.default_rng(1)
     direction = {path: float(value) * rng.uniform(-1, 1) for path, value in parameters(at).items()}
     direction["water.inlet_fraction"] = 0.0  # it is at its largest, 1
@@ -74,7 +75,7 @@ def test_gradient_through_multiple_shooting_equals_central_differences():
 
     def height(step: float) -> float:
         moved = {path: float(parameters(at)[path]) + step * change for path, change in direction.items()}
-        return float(solve(replace(at, moved), METHOD).tip.y)
+        return float(solve(replace(at, moved), points=POINTS).tip.y)
 
     step = 1e-4
     numerical = (8 * (height(step) - height(-step)) - (height(2 * step) - height(-2 * step))) / (12 * step)
@@ -101,7 +102,7 @@ hard_scenes = st.builds(
 @given(hard_scenes)
 def test_either_an_equilibrium_or_an_outcome(scene: Scene):
     """Clamped, free of load at the tip, the volume kept; or no number at all, and a reason."""
-    found = solve(scene, METHOD, throw=False)
+    found = solve(scene, points=POINTS, throw=False)
     fields = found.fields
     if not found.converged:
         assert np.isnan(fields.x).all()

@@ -14,12 +14,13 @@ from conversion import scene_of
 
 from cosserat_jax import (
     Arm,
+    MultipleShooting,
     Muscle,
     Outcome,
     Scene,
     SceneError,
     SectionStiffness,
-    Shooting,
+    SingleShooting,
     Tip,
     dumps,
     load,
@@ -29,7 +30,7 @@ from cosserat_jax import (
     sweep,
 )  # fmt: skip
 
-METHOD = Shooting(points=3, steps=40)  # equal steps: differences then see no change of the adaptive ones
+METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
 OCTOPUS = load("octopus")
 WOUND = replace(OCTOPUS, {"muscles.0.contraction": "8 mm"})
 PLAIN = {  # antagonists, one of which ends before the tip, in a current that changes with height: three unknowns
@@ -53,7 +54,7 @@ def test_tensions_are_those_of_collocation_whose_muscles_have_that_length():
     expected = reference.solve(PLAIN)
     assert expected.converged
     given = {f"muscles.{i}.contraction": float(d) for i, d in enumerate(expected.contractions)}
-    solution = solve(replace(PULLED, given), METHOD)
+    solution = solve(replace(PULLED, given), METHOD, points=3)
     np.testing.assert_allclose(solution.tensions, [20.0, 6.0], rtol=1e-7)
     np.testing.assert_allclose([solution.tip.x, solution.tip.y], [expected.x, expected.y], rtol=0, atol=4e-9)
 
@@ -65,7 +66,7 @@ def test_parallel_tendon_in_closed_form(contraction: float):
     scene = dataclasses.replace(load("tendon-robot"), gravity=None)
     stiffness, length, offset = scene.arm.stiffness, scene.arm.length, scene.muscles[0].base_offset
     tension = contraction / length / (1 / stiffness.axial + offset**2 / stiffness.bending)
-    solution = solve(replace(scene, {"muscles.0.contraction": contraction}), METHOD)
+    solution = solve(replace(scene, {"muscles.0.contraction": contraction}), METHOD, points=3)
     assert float(solution.tensions[0]) == pytest.approx(tension, rel=1e-11)
     bend = float(solution.tip.theta) - scene.arm.base_angle
     assert abs(bend) == pytest.approx(length * offset * tension / stiffness.bending, rel=1e-10)
@@ -76,14 +77,14 @@ def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
     """Paid out, the muscle is slack, and the arm that of no tension; at its length at rest it holds the arm up; the
     third contraction is that at 20 N, by a spline through the fields."""
     contractions = [-0.01, 0.0, 0.008573833041, 0.02]
-    swept = sweep(OCTOPUS, {"muscles.0.contraction": contractions}, METHOD)
+    swept = sweep(OCTOPUS, {"muscles.0.contraction": contractions}, METHOD, points=3)
     tensions = swept.solution.tensions
     assert swept.solution.converged.all()
     assert tensions[0, 0] == 0
     assert tensions[2, 0] == pytest.approx(20.0, rel=1e-9)
     np.testing.assert_allclose(swept.solution.tip.y[[0, 2]], [-0.0036152319, 0.1171941337], rtol=0, atol=2e-10)
     assert (np.diff(tensions[:, 0]) > 0).all()
-    alone = solve(replace(WOUND, {"muscles.0.contraction": contractions[3]}), METHOD)
+    alone = solve(replace(WOUND, {"muscles.0.contraction": contractions[3]}), METHOD, points=3)
     np.testing.assert_allclose(tensions[3], alone.tensions, rtol=1e-11)
     in_dataset = swept.to_xarray().tension
     assert in_dataset.dims == ("muscles.0.contraction", "muscle")
@@ -93,9 +94,10 @@ def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
 @pytest.mark.slow
 def test_multiple_shooting_finds_the_same_tension():
     """Wound in and paid out; at the latter the muscle, taut in the linear response, goes slack."""
-    method = Shooting(points=3, steps=5, intervals=8)
+    methods = (METHOD, MultipleShooting(intervals=8))
     for contraction in (0.008573833041, -0.01):
-        single, multiple = (solve(replace(WOUND, {"muscles.0.contraction": contraction}), m) for m in (METHOD, method))
+        wound = replace(WOUND, {"muscles.0.contraction": contraction})
+        single, multiple = (solve(wound, method, points=3) for method in methods)
         np.testing.assert_allclose(multiple.tensions, single.tensions, rtol=1e-8)
         np.testing.assert_allclose(multiple.tip.y, single.tip.y, rtol=0, atol=1e-9)
 
@@ -113,18 +115,18 @@ def test_length_control_holds_where_tension_control_snaps():
         (Muscle(0.015, 0.015, 1.0, side=-1, tangent="unit"),),
         tip=Tip(force=(0.0, -load)),
     )  # fmt: skip
-    held = sweep(column, {"muscles.0.contraction": np.array([-0.02, -0.012, -0.004, 0.0])}, METHOD).solution
+    held = sweep(column, {"muscles.0.contraction": np.array([-0.02, -0.012, -0.004, 0.0])}, METHOD, points=3).solution
     assert held.converged.all()
     tensions = held.tensions[:, 0]
     assert tensions[0] < tensions[1] > tensions[2] > tensions[3] > 0
     assert (np.diff(held.tip.y) > 0).all()
     assert held.tip.x[2] < -0.1
-    fallen = solve(replace(column, {"muscles.0.tension": tensions[2]}), METHOD)
+    fallen = solve(replace(column, {"muscles.0.tension": tensions[2]}), METHOD, points=3)
     assert fallen.tip.x > 0.3
 
 
 def found(scene: Scene) -> jax.Array:
-    solution = solve(scene, METHOD, throw=False)
+    solution = solve(scene, METHOD, points=3, throw=False)
     return jnp.stack([*solution.tensions / 20, solution.tip.x, solution.tip.y, solution.tip.theta])
 
 
@@ -169,7 +171,7 @@ def test_muscles_on_one_path_cannot_be_told_apart():
     offsets = [f"muscles.{i}.{name}" for i in range(2) for name in ("base_offset", "end_offset")]
     same = replace(BOTH_WOUND, dict.fromkeys(offsets, 0.0) | {"muscles.1.end": PULLED.arm.length})
     same = replace(same, {"muscles.0.contraction": 0.001, "muscles.1.contraction": 0.001})
-    solution = solve(same, METHOD, throw=False)
+    solution = solve(same, METHOD, points=3, throw=False)
     assert Outcome[solution.outcome] == Outcome[Outcome.muscles_redundant]
     assert np.isnan(solution.tensions).all()
 

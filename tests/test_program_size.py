@@ -5,7 +5,7 @@ import dataclasses
 import jax
 import pytest
 
-from cosserat_jax import Gravity, Muscle, Scene, Shooting, load, replace, solve
+from cosserat_jax import Gravity, Muscle, Scene, load, replace, solve
 
 OCTOPUS = load("octopus")
 THREE = dataclasses.replace(
@@ -34,7 +34,7 @@ SCENES = {
 
 
 def operations(scene: Scene) -> int:
-    lowered = jax.jit(lambda scene: solve(scene, Shooting(points=3), throw=False)).lower(scene)
+    lowered = jax.jit(lambda scene: solve(scene, points=3, throw=False)).lower(scene)
     return lowered.as_text().count(" = stablehlo.")
 
 

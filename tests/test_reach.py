@@ -24,7 +24,6 @@ from cosserat_jax import (
     ReachOutcome,
     Scene,
     SceneError,
-    Shooting,
     load,
     reach,
     solve,
@@ -165,8 +164,8 @@ def test_of_a_shape_that_the_arm_cannot_take_the_distance_is_the_mean_square() -
 @pytest.mark.slow
 def test_fields_are_held_at_places_asked_for() -> None:
     places = (0.0, 0.123, 0.7, 1.0)
-    few = solve(load("elastica"), Shooting(points=places)).fields
-    many = solve(load("elastica"), Shooting(points=1001)).fields
+    few = solve(load("elastica"), points=places).fields
+    many = solve(load("elastica"), points=1001).fields
     np.testing.assert_allclose(few.s, places)
     np.testing.assert_allclose(few.y[1:3], many.y[np.array([123, 700])], atol=1e-9)
 
@@ -174,7 +173,7 @@ def test_fields_are_held_at_places_asked_for() -> None:
 @pytest.mark.slow
 def test_datasets_hold_the_places_asked_for() -> None:
     places = (0.0, 0.123, 0.7, 1.0)
-    swept = sweep(load("elastica"), {"tip.force.1": [1.0, 2.0]}, Shooting(points=places))
+    swept = sweep(load("elastica"), {"tip.force.1": [1.0, 2.0]}, points=places)
     np.testing.assert_allclose(swept.to_xarray()["s"], places)
 
 

@@ -60,7 +60,16 @@ def _has_batch(function: BatchFunction, arguments: Sequence[Any]) -> list[bool]:
 
 
 def _compute(*arguments: Array, function: BatchFunction) -> list[Array]:
-    """Runs the function, over chunks where the batch is large, and with a batch of one where there is none."""
+    """Runs the function, over chunks where the batch is large, and with a batch of one where there is none.
+
+    What all members share has fewer axes than what each has of its own, and the two may always meet, also where the
+    user has JAX raise an error for that.
+    """
+    with jax.numpy_rank_promotion("allow"):
+        return _chunked(*arguments, function=function)
+
+
+def _chunked(*arguments: Array, function: BatchFunction) -> list[Array]:
     batched = _has_batch(function, arguments)
     if not any(batched):
         arguments = (*arguments[:-1], arguments[-1][..., None])

@@ -14,12 +14,12 @@ def solve(matrix: Matrix, rhs: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
         return rhs / matrix[0]
     if n == 2:
         (a, b), (c, d) = matrix
-        return jnp.stack([d * rhs[0] - b * rhs[1], a * rhs[1] - c * rhs[0]]) / (a * d - b * c)
+        return jnp.stack([d * rhs[0] - b * rhs[1], a * rhs[1] - c * rhs[0]]) / (a * d - b * c)[None]
     if n == 3:
         columns = [matrix[:, i] for i in range(3)]
         normals = [_cross(columns[(i + 1) % 3], columns[(i + 2) % 3]) for i in range(3)]
         determinant = _dot(columns[0], normals[0])
-        return jnp.stack([_dot(rhs, normal) for normal in normals]) / determinant
+        return jnp.stack([_dot(rhs, normal) for normal in normals]) / determinant[None]
     return jnp.moveaxis(jnp.linalg.solve(_leading(matrix), jnp.moveaxis(rhs, 0, -1)[..., None])[..., 0], -1, 0)
 
 

@@ -132,13 +132,18 @@ def section_law(scene: Scene) -> AbstractSectionLaw:
         return arm.section_law
     factor = arm.stiffness_factor
     if arm.stiffness is not None:
-        return GivenStiffness(
-            factor * arm.stiffness.axial, factor * arm.stiffness.shear, factor * arm.stiffness.bending
-        )
+        given = arm.stiffness
+        return GivenStiffness(_times(factor, given.axial), _times(factor, given.shear), factor * given.bending)
     assert arm.youngs_modulus is not None  # a valid scene has the moduli, the stiffness or the law
     assert arm.poisson_ratio is not None
     axial = factor * arm.youngs_modulus
     return LinearElastic(axial, axial / (2 * (1 + arm.poisson_ratio)))
+
+
+def _times(factor: Scalar, stiffness: Scalar) -> Scalar:
+    """factor * stiffness, of which an infinite one has no slope; that of the product would be 0 * inf."""
+    is_finite = jnp.isfinite(jnp.asarray(stiffness, float))
+    return jnp.where(is_finite, factor * jnp.where(is_finite, stiffness, 1.0), jnp.inf)
 
 
 def tip_state(rod: Rod, x: Scalar, y: Scalar, theta: Scalar) -> RodState:
@@ -181,16 +186,14 @@ def derivative(rod: Rod, s: Scalar, state: RodState, active: Any) -> tuple[RodSt
     """d(state)/ds at `s` with these tendons active, the cross-section there, and how far the volume constraint is from
     folding: d(volume)/d(beta) at given load, from 1 at rest to 0."""
     place, load = place_at(rod, s, active), section_load(state)
-    beta = 1.0 if state.beta is None else state.beta
-
-    def deformed(nu: Scalar, eta: Scalar, mu: Scalar, beta_s: Scalar) -> DeformedSection:
+    def deformed(nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar) -> DeformedSection:
         return DeformedSection(
             s=s, x=state.x, y=state.y, cos=state.cos, sin=state.sin, nu=nu, eta=eta, mu=mu, beta=beta, beta_s=beta_s,
             radius=place.radius, surface=place.surface, surface_slope=place.surface_slope,
         )  # fmt: skip
 
-    def loads(nu: Scalar, eta: Scalar, mu: Scalar, beta_s: Scalar) -> tuple[SectionLoad, tuple]:
-        f1, f2, m = _distributed(rod, deformed(nu, eta, mu, beta_s))
+    def loads(nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar) -> tuple[SectionLoad, tuple]:
+        f1, f2, m = _distributed(rod, deformed(nu, eta, mu, beta, beta_s))
         # in the turning frame: (F.a)_s = F_s.a + mu F.b and (F.b)_s = F_s.b - mu F.a
         axial = mu * load.shear - (f1 * state.cos + f2 * state.sin)
         shear = -mu * load.axial - (f2 * state.cos - f1 * state.sin)
@@ -200,7 +203,7 @@ def derivative(rod: Rod, s: Scalar, state: RodState, active: Any) -> tuple[RodSt
     found: Strained = strained(rod.law, place, load, state.beta, loads)
     nu, eta, mu = found.nu, found.eta, found.mu
     f1, f2, moment = found.loads
-    section = deformed(nu, eta, mu, found.beta_s)
+    section = deformed(nu, eta, mu, found.beta, found.beta_s)
     rates = RodState(
         x=nu * state.cos - eta * state.sin,
         y=nu * state.sin + eta * state.cos,

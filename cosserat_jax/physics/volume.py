@@ -76,19 +76,20 @@ class Place(NamedTuple):
 
 
 class Strained(NamedTuple):
-    """The strains nu, eta, mu of a section, beta_s, what its loads make at these (the second result of `loads`), and
-    `margin` = g_beta at given load: 1 at rest, 0 where the constraint folds."""
+    """The strains nu, eta, mu of a section, beta and beta_s, what its loads make at these (the second result of
+    `loads`), and `margin` = g_beta at given load: 1 at rest, 0 where the constraint folds."""
 
     nu: Scalar
     eta: Scalar
     mu: Scalar
+    beta: Scalar
     beta_s: Scalar
     loads: Any
     margin: Scalar
 
 
-# from (nu, eta, mu, beta_s) to the rates (F.a)_s, (F.b)_s, M_s of the section's load, and whatever else is asked of them
-Loads = Callable[[Scalar, Scalar, Scalar, Scalar], tuple[SectionLoad, Any]]
+# from (nu, eta, mu, beta, beta_s) to the rates (F.a)_s, (F.b)_s, M_s of the section's load, and what else is asked
+Loads = Callable[[Scalar, Scalar, Scalar, Scalar, Scalar], tuple[SectionLoad, Any]]
 
 
 def strained(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar | None, loads: Loads) -> Strained:
@@ -99,7 +100,7 @@ def strained(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Sca
             nu, eta, mu = _linear_strains(law, place, load)
         else:
             nu, eta, mu = _strains(law, place, load, 1.0, 0.0)
-        return Strained(nu, eta, mu, 0.0, loads(nu, eta, mu, 0.0)[1], 1.0)
+        return Strained(nu, eta, mu, 1.0, 0.0, loads(nu, eta, mu, 1.0, 0.0)[1], 1.0)
     return _closed(law, place, load, beta, loads) if closed else _general(law, place, load, beta, loads)
 
 
@@ -225,11 +226,11 @@ def _closed(law: AbstractLinearLaw, place: Place, load: SectionLoad, beta: Scala
     falling = -1 / by_beta
 
     def slope_at(beta_s: Scalar) -> tuple[Scalar, Any]:
-        rates, more = loads(nu, eta + slip * beta_s, mu, beta_s)
+        rates, more = loads(nu, eta + slip * beta_s, mu, beta, beta_s)
         return (by_s + by_axial * rates.axial + by_moment * rates.moment) * falling, more
 
     beta_s, more = _consistent(slope_at, beta)
-    return Strained(nu, eta + slip * beta_s, mu, beta_s, more, by_beta / t.w)
+    return Strained(nu, eta + slip * beta_s, mu, beta, beta_s, more, by_beta / t.w)
 
 
 def _consistent(slope_at: Callable[[Scalar], tuple[Scalar, Any]], beta: Scalar) -> tuple[Scalar, Any]:
@@ -262,7 +263,7 @@ def _on_the_line(
 
 def _strains(
     law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, beta_s: Scalar
-) -> tuple[Scalar, Scalar, Scalar]:
+) -> tuple[Array, Array, Array]:
     """By Newton's method, from the strains of the tangents that are not normalized where the law is linear."""
     shape = jnp.broadcast_shapes(*(jnp.shape(part) for part in (*load, place.radius, beta, beta_s)))
     one, zero = jnp.ones(shape), jnp.zeros(shape)
@@ -286,31 +287,38 @@ def _unbalance(strains: tuple[Array, ...], params: Any) -> tuple[Array, Array, A
 
 
 def _general(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> Strained:
-    """With the slopes of g by JAX: that of the strains by the adjoint of the three equations they solve."""
+    """With the slopes of g by JAX: that of the strains by the adjoint of the three equations they solve.
 
-    def section_at(beta_s: Scalar) -> tuple[tuple, Scalar, Scalar, Any]:
-        nu, eta, mu = strains = _strains(law, place, load, beta, beta_s)
-        zero = jnp.zeros_like(nu)
-        _, matrix = newton.jacobian(lambda e: _unbalance(e, (law, place, load, beta, beta_s)), strains)
-        by_strains = jnp.stack([jnp.broadcast_to(beta, nu.shape), zero, -beta * beta * place.surface + zero])
-        adjoint = newton.solve(jnp.swapaxes(matrix, 0, 1), by_strains)
+    Here g itself feels beta_s, through |t_c| of a unit tangent. Carried along the rod is the root without that part,
+    whose slope is known; the section's own scale is a step of Newton away from it.
+    """
+    strains = _strains(law, place, load, beta, 0.0)
+    nu, _, mu = strains
+    zero = jnp.zeros_like(nu)
+    _, matrix = newton.jacobian(lambda e: _unbalance(e, (law, place, load, beta, 0.0)), strains)
+    by_strains = jnp.stack([jnp.broadcast_to(beta, nu.shape), zero, -beta * beta * place.surface + zero])
+    adjoint = newton.solve(jnp.swapaxes(matrix, 0, 1), by_strains)
 
-        def constraint(beta: Scalar, step: Scalar, axial: Scalar, shear: Scalar, moment: Scalar) -> Scalar:
-            moved = place.moved(step)
-            unbalance = _unbalance(strains, (law, moved, SectionLoad(axial, shear, moment), beta, beta_s))
-            of_strains = sum(weight * force for weight, force in zip(adjoint, unbalance, strict=True))
-            return volume_defect(nu, mu, beta, moved.surface) - of_strains
+    def constraint(beta: Scalar, step: Scalar, axial: Scalar, shear: Scalar, moment: Scalar) -> Scalar:
+        moved = place.moved(step)
+        unbalance = _unbalance(strains, (law, moved, SectionLoad(axial, shear, moment), beta, 0.0))
+        of_strains = sum(weight * force for weight, force in zip(adjoint, unbalance, strict=True))
+        return volume_defect(nu, mu, beta, moved.surface) - of_strains
 
-        at = [jnp.broadcast_to(part, nu.shape) for part in (beta, zero, *load)]
-        _, back = jax.vjp(constraint, *at)
-        by_beta, by_s, *by_load = back(jnp.ones_like(nu))
-        rates, more = loads(nu, eta, mu, beta_s)
-        found = -(by_s + sum(slope * rate for slope, rate in zip(by_load, rates, strict=True))) / by_beta
-        return strains, by_beta, found, more
+    at = [jnp.broadcast_to(part, nu.shape) for part in (beta, zero, *load)]
+    _, back = jax.vjp(constraint, *at)
+    by_beta, by_s, *by_load = back(jnp.ones_like(nu))
 
-    def slope_at(beta_s: Scalar) -> tuple[Scalar, Any]:
-        strains, by_beta, found, more = section_at(beta_s)
-        return found, (strains, by_beta, more)
+    def slope_at(strains: tuple[Scalar, Scalar, Scalar], scale: Scalar, beta_s: Scalar) -> tuple[Scalar, Any]:
+        rates, more = loads(*strains, scale, beta_s)
+        return -(by_s + sum(slope * rate for slope, rate in zip(by_load, rates, strict=True))) / by_beta, more
 
-    beta_s, ((nu, eta, mu), margin, more) = _consistent(slope_at, beta)
-    return Strained(nu, eta, mu, beta_s, more, lax.stop_gradient(margin))
+    first, _ = slope_at(strains, beta, zero)
+    second, _ = slope_at(_strains(law, place, load, beta, first), beta, first)
+    felt = jnp.where(first != 0, (second - first) / jnp.where(first != 0, first, 1.0), 0.0)
+    beta_s = first / (1 - jnp.clip(felt, -_MOST_FELT, _MOST_FELT))  # by the secant method
+    nu, _, mu = _strains(law, place, load, beta, beta_s)
+    scale = beta - volume_defect(nu, mu, beta, place.surface) / by_beta
+    nu, eta, mu = _strains(law, place, load, scale, beta_s)
+    beta_s, more = slope_at((nu, eta, mu), scale, beta_s)
+    return Strained(nu, eta, mu, scale, beta_s, more, lax.stop_gradient(by_beta))

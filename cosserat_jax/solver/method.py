@@ -56,6 +56,8 @@ class SingleShooting(eqx.Module):
     def __check_init__(self) -> None:
         if not 2 <= len(self.steps) <= _MOST_GRIDS or self.steps[0] < 4 or list(self.steps) != sorted(set(self.steps)):
             raise ValueError(f"steps must be two to {_MOST_GRIDS} growing numbers from 4 on, but are {self.steps}")
+        if self.coarse_steps < 1:
+            raise ValueError(f"coarse_steps must be at least 1, but is {self.coarse_steps}")
 
     @property
     def settings(self) -> Float[np.ndarray, " settings"]:
@@ -67,7 +69,7 @@ class SingleShooting(eqx.Module):
     @property
     def room(self) -> int:
         """The most steps that the compiled program has room for."""
-        return max(_ROOM, *self.steps)
+        return max(_ROOM, self.coarse_steps, *self.steps)
 
 
 class MultipleShooting(eqx.Module):

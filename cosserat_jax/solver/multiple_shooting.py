@@ -38,13 +38,14 @@ _SURE_ORDER = 6  # at which errors fall with the number of steps for sure
 @eqx.filter_jit
 def multiple_shooting(scene: Scene, places: Float[Array, " points"], method: MultipleShooting) -> Report:
     """The `Report` of one scene, with the derivatives of the implicit function theorem in forward mode."""
-    params, tree = jax.tree.flatten(scene)
+    leaves, tree = jax.tree.flatten(scene)
+    params = [*leaves, places]  # which are traced too, so that no function may close over them
 
     def rod_of(params: Scalars) -> Rod:
-        return Rod.of(jax.tree.unflatten(tree, params)).at_load(1.0)
+        return Rod.of(jax.tree.unflatten(tree, params[:-1])).at_load(1.0)
 
     def at_nodes(nodes: Nodes, params: Scalars) -> tuple[Array, tuple]:
-        return _results(rod_of(params), nodes, method, places)
+        return _results(rod_of(params), nodes, method, params[-1])
 
     found, compliance = _find(lax.stop_gradient(scene), method)
     alive = found.outcome == code_of(Outcome.converged)

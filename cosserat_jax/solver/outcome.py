@@ -19,14 +19,14 @@ class Outcome(eqx.Enumeration):
     )
     ill_conditioned = (
         "single shooting loses the equilibrium, as that of a soft arm pulled taut, for which double precision holds no "
-        "pose of the tip that meets the base; use Shooting(intervals=64), as solve and sweep do outside jit and vmap"
+        "pose of the tip that meets the base; use MultipleShooting(), as solve and sweep do outside jit and vmap"
     )
     inaccurate = (
         "the equilibrium is found, but the error of the integration is estimated above the one asked for; give more steps "
         "or a larger error"
     )
     integration_failed = (
-        "the integration along the arm is too stiff to finish; raise max_steps, loosen rtol and atol, or lower the load"
+        "the integration along the arm does not reach the base with finite numbers; give more steps, or lower the load"
     )
     iterations_exhausted = "the iterations are used up before the full load is reached; raise max_iterations"
     bad_input = "a parameter is NaN, infinite or out of its range; check the scene"

@@ -56,7 +56,7 @@ class Solution(eqx.Module):
     - `tip` [m, m, rad], `tip_strain`, `fields` over s: NaN for a rod that has no solution.
     - `outcome`: an `Outcome`; `Outcome[solution.outcome]` is its sentence.
     - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm; and
-      of given contractions, over the lever of the muscle (see `physics.lengths`).
+      of given contractions, over the lever of the muscle (see `physics.tendon`).
       With multiple shooting, if it is larger, the largest gap between two intervals.
     - `error`: estimated, of the tip's pose, from the difference between two numbers of steps [rad, lengths].
     - `condition`: max(1, |A|) max(1, |A^-1|), A the Jacobian of the equation that clamps the base. In single shooting A

@@ -114,12 +114,10 @@ class Unknowns(NamedTuple):
             return jnp.zeros((0, 0, *shape))
         unloaded = rod.at_load(0.0)
         ends, active = segments_of(rod.tendons, rod.length)
+        ends = jnp.broadcast_to(_trailing(ends, len(shape)), (len(ends), *shape))
         begin, end = ends[:-1, None], ends[1:, None]
-        nodes = _NODES.reshape(1, -1, *(1,) * (ends.ndim - 1))
+        nodes = _NODES.reshape(1, -1, *(1,) * len(shape))
         s = (begin + end) / 2 + (begin - end) / 2 * nodes  # [segments, nodes, ...]
-        s = jnp.broadcast_to(
-            s.reshape(*s.shape[:2], *(1,) * (len(shape) + 2 - s.ndim), *s.shape[2:]), (*s.shape[:2], *shape)
-        )
         active = tuple(jnp.broadcast_to(_trailing(a, len(shape))[:, None], s.shape) for a in active)
         zero = jnp.zeros_like(s)
         at_tip = tip_state(unloaded, zero, zero, zero)
