@@ -122,30 +122,32 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     first = jnp.clip(jnp.floor(tau * count).astype(int) - 1, 0, count - 4)
     local = tau * count - first
     weights = jnp.tensordot(jnp.asarray(_HERMITE), jnp.stack([local**i for i in range(9)]), 1)
-    end, tree = jax.tree.flatten(nodes.end)
-    # all arrays of the state as one, [arrays, integrations and nodes, ...]; what room is left is not a number
-    states = jnp.stack(
-        [leaf.at[:, count].set(last) for leaf, last in zip(jax.tree.leaves(nodes.states), end, strict=True)]
-    )
-    slopes = jnp.stack(jax.tree.leaves(nodes.slopes))
-    row = jnp.arange(states.shape[2]).reshape(-1, *(1,) * (states.ndim - 3))
-    states, slopes = jnp.where(row <= count, states, 0.0), jnp.where(row < count, slopes, 0.0)
-    start = first + states.shape[2] * which
-    states, slopes = (values.reshape(len(end), -1, *values.shape[3:]) for values in (states, slopes))
+    tree = jax.tree.structure(nodes.end)
+    rows = jax.tree.leaves(nodes.states)[0].shape[1]
+
+    def stacked(leaves: Any, used: Int[Array, ""]) -> Array:
+        """[integrations and nodes, arrays of the state, ...], zero in the room that is left."""
+        values = jnp.stack(jax.tree.leaves(leaves), axis=2)
+        row = jnp.arange(rows).reshape(-1, *(1,) * (values.ndim - 2))
+        values = jnp.where(row < used, values, 0.0)
+        return values.reshape(-1, *values.shape[2:])
+
+    ended = jax.tree.map(lambda leaf, last: leaf.at[:, count].set(last), nodes.states, nodes.end)
+    states, slopes = stacked(ended, count + 1), stacked(nodes.slopes, count)
+    start = first + rows * which
     if start.ndim < states.ndim - 1:  # places that the batch shares: a matrix, for reading rows by their number is slow
-        at_states = _matrix(weights[:5], start, states.shape[1])
-        at_slopes = _matrix(weights[5:] / count, start, states.shape[1])
-        total = jnp.einsum("pr,ar...->ap...", at_states, states) + jnp.einsum("pr,ar...->ap...", at_slopes, slopes)
+        matrix = jnp.concatenate(
+            [_matrix(weights[:5], start, len(states)), _matrix(weights[5:] / count, start, len(states))], axis=1
+        )
+        total = jnp.tensordot(matrix, jnp.concatenate([states, slopes]), 1)
     else:
-        rows = [(states, i, weights[i]) for i in range(5)] + [(slopes, i, weights[5 + i] / count) for i in range(4)]
-        parts = [jnp.take_along_axis(values, (start + i)[None], axis=1) * weight for values, i, weight in rows]
-        total = sum(parts[1:], parts[0])
-    return jax.tree.unflatten(tree, list(total))
+        parts = [(states, i, weights[i]) for i in range(5)] + [(slopes, i, weights[5 + i] / count) for i in range(4)]
+        taken = [jnp.take_along_axis(v, (start + i)[:, None], axis=0) * weight[:, None] for v, i, weight in parts]
+        total = sum(taken[1:], taken[0])
+    return jax.tree.unflatten(tree, [total[:, i] for i in range(total.shape[1])])
 
 
-def _matrix(
-    weights: Float[Array, "nodes points"], start: Int[Array, " points"], rows: int
-) -> Float[Array, "points rows"]:
+def _matrix(weights: Float[Array, "nodes points"], start: Int[Array, " points"], rows: int) -> Float[Array, "points rows"]:
     """The matrix that combines rows, for each point those from `start` on."""
     columns = start[:, None] + jnp.arange(len(weights))
     return jnp.zeros((len(start), rows)).at[jnp.arange(len(start))[:, None], columns].set(weights.T)
@@ -167,6 +169,7 @@ def integrate(slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], mo
     """Integrates dy/dtau = slope(tau, y) from tau = 0 to 1 in `count` equal steps, at most `most`."""
     leaves, tree = jax.tree.flatten(y0)
 
+    @jax.jit  # for diffrax traces it several times
     def slope_of_leaves(tau: Any, leaves: tuple[Array, ...], _: None) -> tuple[Array, ...]:
         return tuple(jax.tree.leaves(slope(tau, jax.tree.unflatten(tree, leaves))))
 

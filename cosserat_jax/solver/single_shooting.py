@@ -2,7 +2,7 @@
 
 One loop runs one compiled integration from tip to base, again and again; what a pass is for is data. First the branch
 is followed in the load on a coarse grid (see `continuation`): a pass at the unknowns and one for each of them moved a
-little, whose differences are Newton's Jacobian. Then the equilibrium is polished on finer grids, with the Jacobian of
+little, whose differences are Newton's Jacobian. (Of the unloaded arm it is known.) Then the equilibrium is polished on finer grids, with the Jacobian of
 the coarse one: what changes from one grid to the next shows the error, and the first grid whose error is small enough
 is the last.
 """
@@ -32,7 +32,7 @@ _REACH = 2.0  # radians and lengths by which a prediction moves the tip at most
 _DIFFERENCE = 1e-7  # of an unknown, for the Jacobian
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 _SETTLED = 1e-4  # correction on a finer grid from which on it is as good as the root
-_POLISHED = 1e-10  # correction at which the last grid's root is found
+_POLISHED = 1e-12  # correction that is round-off, should a smaller error be asked for
 _SURE_ORDER = 4  # at which errors fall with the number of steps; eight where all is smooth, less where a current
 # changes sides along the arm
 _MOST_POLISHES = 16  # passes on the finer grids
@@ -135,19 +135,21 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         columns = jnp.where((jnp.arange(n + 1) == loop.column)[None, :, None], slope[:, None], loop.columns)
         base0 = jax.tree.map(lambda a, b: jnp.where(is_value, a, b), base, loop.base)
         taut0 = jnp.where(is_value, taut, loop.taut)
-        matrix = columns[:n, 1:]
-        step = linear_systems.solve(matrix, -value0[:n])
         branch = loop.branch
+        is_probe = (branch.iterations.max() == 0) & knows_rest
+        jacobian = jnp.where(is_probe, at_rest, columns[:, 1:])
+        matrix = jacobian[:n]
+        step = linear_systems.solve(matrix, -value0[:n])
         correction = Correction(
             unknowns=branch.trial + step,
             step=_size(step),
             error=_size(value0[:n]),
             rate=None,
             jacobian=unknowns.over_compliance(matrix, compliance, taut0),
-            usable=consistent(branch.trial, branch.trial_load, base0) & jnp.isfinite(columns[:, 1:]).all((0, 1)),
+            usable=consistent(branch.trial, branch.trial_load, base0) & jnp.isfinite(jacobian).all((0, 1)),
         )
         advanced = continuation.advance(branch, correction, stepping, _predict, _size, _reason)
-        is_round = loop.column == n
+        is_round = is_probe | (loop.column == n)
         branch = jax.tree.map(lambda a, b: jnp.where(is_round, a, b), advanced, branch)
         finished = is_round & ~branch.running.any()
         alive = branch.outcome == code_of(Outcome.converged)
@@ -157,7 +159,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
             level=jnp.where(finished, 0, loop.level),
             unknowns=jnp.where(alive & finished, branch.unknowns, branch.trial),
             value=value0, base=base0, columns=columns, taut=taut0,
-            jacobian=jnp.where(is_round & loop.branch.running, columns[:, 1:], loop.jacobian),
+            jacobian=jnp.where(is_round & loop.branch.running, jacobian, loop.jacobian),
         )  # fmt: skip
 
     def polish(loop: _Loop, value: Array, taut: Array) -> _Loop:
@@ -175,11 +177,12 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         estimate = jnp.where(counts & ~is_first, estimate, loop.estimate)
         accurate = ~is_first & ~(alive & ~(estimate <= settings.error)).any()
         is_final_grid = accurate | (loop.level >= settings.grids - 1)
-        polished = ~(size > _POLISHED).any() | (loop.passes >= _MOST_POLISHES)
-        done = loop.is_last & polished
+        polished = ~(size > jnp.maximum(settings.error, _POLISHED)).any() | (loop.passes >= _MOST_POLISHES)
+        is_last = loop.is_last | (is_settled & is_final_grid)
+        done = is_last & polished
         return loop._replace(
             level=jnp.where(is_settled & ~loop.is_last & ~is_final_grid, loop.level + 1, loop.level),
-            is_last=loop.is_last | (is_settled & is_final_grid),
+            is_last=is_last,
             passes=loop.passes + 1,
             done=done,
             unknowns=jnp.where(alive & ~done, loop.unknowns + step, loop.unknowns),
@@ -212,6 +215,8 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
     branch = continuation.begin(rest, eye, allowed, stepping)
     at_tip = unknowns.tip(rod, rest)
     nothing = jnp.zeros((outputs, *shape))
+    knows_rest = not unknowns.tendons
+    at_rest = unknowns.jacobian_at_rest(rod, shape) if knows_rest else jnp.zeros((outputs, n, *shape))
     loop = _Loop(
         branch=branch, column=jnp.asarray(0), level=jnp.where(allowed.any(), -1, 0), passes=jnp.asarray(0),
         is_last=jnp.asarray(False), done=jnp.asarray(False), unknowns=rest, value=nothing, base=at_tip,
@@ -230,7 +235,8 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
     final = unknowns.applied(rod.at_load(jnp.where(alive, 1.0, branch.trial_load)), loop.unknowns)
     return Found(
         unknowns=loop.unknowns, outcome=outcome, load_fraction=branch.load, iterations=branch.iterations,
-        jacobian=branch.jacobian, residual=_size(loop.value[:n]), error=loop.estimate, steps=levels[loop.level],
+        jacobian=branch.jacobian, residual=_size(loop.value[:n]),
+        error=jnp.maximum(loop.estimate, loop.correction), steps=levels[loop.level],
         trajectory=loop.trajectory, rod=final,
     )  # fmt: skip
 

@@ -57,6 +57,13 @@ class Unknowns(NamedTuple):
         pose = [angle, jnp.cos(angle), jnp.sin(angle)][: self.pose]
         return jnp.stack([jnp.broadcast_to(u, shape) for u in (*pose, *(jnp.zeros(()) for _ in self.tendons))])
 
+    def jacobian_at_rest(self, rod: Rod, shape: tuple[int, ...]) -> Float[Array, "3 pose ..."]:
+        """The derivative of the base's pose [rad, lengths] by that of the tip of the unloaded arm, a rigid body."""
+        angle = jnp.broadcast_to(jnp.asarray(rod.base_angle, float), shape)
+        one, zero = jnp.ones(shape), jnp.zeros(shape)
+        rows = [[one, zero, zero], [jnp.sin(angle), one, zero], [-jnp.cos(angle), zero, one]]
+        return jnp.stack([jnp.stack(row[: self.pose]) for row in rows])
+
     def applied(self, rod: Rod, u: Float[Array, "unknowns ..."]) -> Rod:
         """The rod with the tensions that are among the unknowns."""
         if not self.tendons:
