@@ -4,8 +4,8 @@ With u(p) the root of E(u, p) = 0 and O(u, p) what is computed there, the implic
 
     dO/dp = O_p + O_u du/dp        du/dp = -E_u^-1 E_p
 
-Forward mode with a tangent for each parameter that moves gives the dense Jacobian. It is handed to JAX as a matrix times
-a tangent, so reverse mode costs what forward mode costs, and no loop is ever run backwards: through adaptive steps, or
+Forward mode with a tangent for each parameter that moves gives the dense Jacobian. It is handed to JAX as a matrix
+times a tangent, so reverse mode costs what forward mode costs, and no loop is ever run backwards: through adaptive steps, or
 a loop whose length is data, that would be wrong or impossible. Differentiating again differentiates that Jacobian in
 the same way, so any nesting of forward and reverse works.
 """
@@ -37,7 +37,7 @@ def at_root(function: Callable, total: Total, root: Any, params: Scalars) -> Any
     """O of `function(root, params) -> (E, O)`, a pytree of floats, where `root` solves E = 0.
 
     Derivatives with respect to `params` follow the root, by `total`; with respect to the given `root`, the result of an
-    initial guess, they are zero. `function` and `total` close over no traced value. Where `root` is NaN, so is all of O.
+    initial guess, they are zero. `function` and `total` close over no traced value. Where `root` is NaN, so is O.
     """
     value = function(root, params)[1]
     # `root` depends on every parameter, so this batches all of O where any is batched, as the derivative's rule does;

@@ -33,14 +33,14 @@ class Tableau(NamedTuple):
         same as last"."""
         tableau: Any = solver.tableau
         count = int(np.flatnonzero(tableau.b_sol)[-1]) + 1
-        rows = [(), *tableau.a_lower][:count] + [tableau.b_sol[:count]]
+        rows = [*[(), *tableau.a_lower][:count], tableau.b_sol[:count]]
         padded = tuple(tuple(float(a) for a in row) + (0.0,) * (count - len(row)) for row in rows)
         order: Any = solver.order(None)  # pyright: ignore[reportArgumentType]
         return cls(padded, (0.0, *(float(c) for c in tableau.c))[:count], order)
 
 
 class LoopedRungeKutta(diffrax.AbstractSolver):
-    """An explicit Runge-Kutta method with its stages in one loop; of a step it gives the state and slope at its start."""
+    """An explicit Runge-Kutta method with its stages in one loop; of a step it gives state and slope at its start."""
 
     tableau: Tableau = eqx.field(static=True)
     term_structure = diffrax.ODETerm
@@ -103,13 +103,13 @@ class EqualSteps(diffrax.AbstractStepSizeController):
 
 
 class Nodes(NamedTuple):
-    """The state and its slope by tau at the equal nodes tau = i / count at which steps start, and the state at the end,
+    """The state and its slope by tau at the equal nodes tau = i / steps at which steps start, and the state at the end,
     tau = 1. Room is left for more nodes than there are."""
 
     states: State
     slopes: State
     end: State
-    count: Int[Array, ""]
+    steps: Int[Array, ""]
 
 
 def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array, "points ..."] | int = 0) -> State:
@@ -118,7 +118,7 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     By Hermite's interpolation of ninth order in the five nodes around, the slope at the last left out; there are at
     least four steps. `tau` and `which` may have the batch as last axis or be shared by it.
     """
-    count = jnp.max(nodes.count)
+    count = jnp.max(nodes.steps)
     first = jnp.clip(jnp.floor(tau * count).astype(int) - 1, 0, count - 4)
     local = tau * count - first
     weights = jnp.tensordot(jnp.asarray(_HERMITE), jnp.stack([local**i for i in range(9)]), 1)
@@ -147,7 +147,9 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     return jax.tree.unflatten(tree, [total[:, i] for i in range(total.shape[1])])
 
 
-def _matrix(weights: Float[Array, "nodes points"], start: Int[Array, " points"], rows: int) -> Float[Array, "points rows"]:
+def _matrix(
+    weights: Float[Array, "nodes points"], start: Int[Array, " points"], rows: int
+) -> Float[Array, "points rows"]:
     """The matrix that combines rows, for each point those from `start` on."""
     columns = start[:, None] + jnp.arange(len(weights))
     return jnp.zeros((len(start), rows)).at[jnp.arange(len(start))[:, None], columns].set(weights.T)
@@ -190,4 +192,5 @@ def integrate(slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], mo
     ys: Any = solution.ys
     end = [u[-1] for u in ys]
     parts = (kept.infos["y0"], kept.infos["y1"], end)
-    return Nodes(*(jax.tree.unflatten(tree, part) for part in parts), count)
+    states, slopes, end = (jax.tree.unflatten(tree, part) for part in parts)
+    return Nodes(states, slopes, end, count)

@@ -186,6 +186,7 @@ def derivative(rod: Rod, s: Scalar, state: RodState, active: Any) -> tuple[RodSt
     """d(state)/ds at `s` with these tendons active, the cross-section there, and how far the volume constraint is from
     folding: d(volume)/d(beta) at given load, from 1 at rest to 0."""
     place, load = place_at(rod, s, active), section_load(state)
+
     def deformed(nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar) -> DeformedSection:
         return DeformedSection(
             s=s, x=state.x, y=state.y, cos=state.cos, sin=state.sin, nu=nu, eta=eta, mu=mu, beta=beta, beta_s=beta_s,

@@ -15,8 +15,8 @@ than on the straight unloaded arm by
 
 a tendon that is as short as its path or slack, for it cannot push. The lever h and the tension T_1 are units in which
 the equation is near the identity on the unloaded arm; they do not act on its root. h^2 = E J / (E A) + y^2, half-way
-along the tendon, is the displacement over the angle, in radians, by which it bends the arm; T_1 = E J / (h L_i) bends it
-by about one radian.
+along the tendon, is the displacement over the angle, in radians, by which it bends the arm; T_1 = E J / (h L_i) bends
+it by about one radian.
 """
 
 from typing import Any
@@ -51,7 +51,7 @@ class Tendon(eqx.Module):
         displacement = muscle.contraction
         return cls(tension, muscle.side * muscle.base_offset, slope, muscle.end, displacement, muscle.tangent == "unit")
 
-    def offset_at(self, s: Scalar) -> Scalar:
+    def offset_at(self, s: Any) -> Any:
         """y(s) [m]."""
         return self.offset + self.slope * s
 
@@ -89,7 +89,7 @@ def shortening_rate(pull: Pull, section: DeformedSection) -> Scalar:
 def length_error(
     shortening: Scalar, displacement: Scalar, tension: Scalar, unit_tension: Scalar, lever: Scalar
 ) -> tuple[Scalar, Bool[Array, "..."]]:
-    """min((d - D) / h, T / T_1), zero for a tendon that is taut at its displacement and for a slack one; which it is."""
+    """min((d - D) / h, T / T_1), zero for a tendon that is taut at its displacement and for a slack one; is it taut?"""
     too_long, pulls = (shortening - displacement) / lever, tension / unit_tension
     is_taut = jnp.asarray(too_long <= pulls)  # where they are equal a derivative is that of the taut side
     return jnp.where(is_taut, too_long, pulls), is_taut

@@ -94,14 +94,16 @@ Loads = Callable[[Scalar, Scalar, Scalar, Scalar, Scalar], tuple[SectionLoad, An
 
 def strained(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar | None, loads: Loads) -> Strained:
     """The section under its load, at a given scale `beta`, None where the section is rigid."""
-    closed = isinstance(law, AbstractLinearLaw) and not any(pull.unit for pull in place.pulls)
+    any_unit = any(pull.unit for pull in place.pulls)
     if beta is None:
-        if closed:
+        if isinstance(law, AbstractLinearLaw) and not any_unit:
             nu, eta, mu = _linear_strains(law, place, load)
         else:
             nu, eta, mu = _strains(law, place, load, 1.0, 0.0)
         return Strained(nu, eta, mu, 1.0, 0.0, loads(nu, eta, mu, 1.0, 0.0)[1], 1.0)
-    return _closed(law, place, load, beta, loads) if closed else _general(law, place, load, beta, loads)
+    if isinstance(law, AbstractLinearLaw) and not any_unit:
+        return _closed(law, place, load, beta, loads)
+    return _general(law, place, load, beta, loads)
 
 
 def scale_root(law: AbstractSectionLaw, place: Place, load: SectionLoad) -> Scalar:
@@ -116,7 +118,7 @@ def volume_defect(nu: Scalar, mu: Scalar, beta: Scalar, surface: Scalar) -> Scal
     return beta * (nu - beta * surface * mu) - 1
 
 
-def _volume(x: tuple[Array, ...], params: tuple[AbstractSectionLaw, Place, SectionLoad]) -> tuple[Array]:
+def _volume(x: tuple[Array, ...], params: tuple[AbstractSectionLaw, Place, SectionLoad]) -> tuple[Any]:
     (beta,), (law, place, load) = x, params
     if isinstance(law, AbstractLinearLaw) and not any(pull.unit for pull in place.pulls):
         sums = _sums(law, place, load)

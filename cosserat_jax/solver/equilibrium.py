@@ -25,7 +25,7 @@ class Equilibrium(batching.BatchFunction):
     """From the numbers of the method, the places s / L of the fields, and the floats of a scene to a `Report`."""
 
     structure: Structure
-    chunk: int = 1024
+    chunk: int = 256
 
     @property
     def ranks(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]

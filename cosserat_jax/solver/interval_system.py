@@ -288,12 +288,12 @@ def clamp(rod: Rod, pose: int) -> Float[Array, " pose"]:
     return jnp.stack([jnp.asarray(rod.base_angle, float), jnp.zeros(()), jnp.zeros(())])[:pose]
 
 
-def _bending(rod: Rod, s: Array) -> Array:
+def _bending(rod: Rod, s: Any) -> Array:
     bending = rod.law.stiffness(ReferenceSection(s, rod.radius_at(s))).bending
-    return jnp.broadcast_to(bending, s.shape)
+    return jnp.broadcast_to(bending, jnp.shape(s))
 
 
-def units_at(rod: Rod, s: Array, pose: int) -> Float[Array, "nodes size"]:
+def units_at(rod: Rod, s: Any, pose: int) -> Float[Array, "nodes size"]:
     """Of the states: radians and lengths of the arm, E J / L^2, E J / L."""
     length, bending = jnp.broadcast_to(rod.length, jnp.shape(s)), _bending(rod, s)
     force, one = bending / length**2, jnp.ones_like(bending)
@@ -304,7 +304,7 @@ def _components(state: RodState, pose: int) -> Float[Array, "nodes size"]:
     return jnp.stack([*[state.theta, state.x, state.y][:pose], state.force_x, state.force_y, state.moment], axis=-1)
 
 
-def vector_of(rod: Rod, state: RodState, s: Array) -> Float[Array, "nodes size"]:
+def vector_of(rod: Rod, state: RodState, s: Any) -> Float[Array, "nodes size"]:
     """States at `s` in their units."""
     pose = 3 if rod.depends_on_position else 1
     return _components(state, pose) / units_at(rod, s, pose)

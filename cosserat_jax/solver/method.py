@@ -30,10 +30,13 @@ class SingleShooting(eqx.Module):
     """Integration from tip to base in equal steps, closed by Newton, the loads raised in steps where that is needed.
 
     - `error`: the error of the tip's pose asked for, in radians and lengths of the arm. It is estimated from the
-      difference between two numbers of steps, as if errors fell at the fourth order (they fall at the eighth, or at the
-      third to fourth where a current changes sides along the arm and its force is not smooth); a rod above it has the outcome `inaccurate`.
-    - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; at least four each.
-    - `coarse_steps`: of the grid on which the branch is followed in the load, before it is polished on those of `steps`.
+      difference between two numbers of steps as if errors fell at the fourth order: they fall at the eighth, or at the
+      third to fourth where a current changes sides along the arm and its force is not smooth. A rod above it has the
+      outcome `inaccurate`.
+    - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; two to four numbers, at
+      least four each.
+    - `coarse_steps`: of the grid on which the branch is followed in the load, before it is polished on those of
+      `steps`.
     - `newton_tol`: Newton stops on the coarse grid after a step below this, in radians and lengths; what is left is
       polished on the finer ones.
     - `max_iterations`: Newton steps, over all load steps, before the outcome is `iterations_exhausted`.

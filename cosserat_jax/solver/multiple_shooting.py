@@ -1,7 +1,7 @@
 """Multiple shooting: for an arm under high axial tension, ill-conditioned for single shooting.
 
-Two neighboring solutions of such an arm part like exp of the integral of sqrt(F.a / (c E J)) along it, whichever end one
-starts from, and past exp(30) no pose of the tip decides anything at the base in double precision. Over a short interval
+Two neighboring solutions of such an arm part like exp of the integral of sqrt(F.a / (c E J)) along it, whichever end
+one starts from, and past exp(30) no pose of the tip decides anything at the base in double precision. Over a short interval
 they hardly part. The intervals are short where force or curvature is large, and are cut anew before every load; see
 `interval_system` for the equations.
 """
@@ -106,7 +106,7 @@ def _find(scene: Scene, method: MultipleShooting) -> tuple[continuation.Branch, 
         return continuation.advance(branch, correction, stepping, predict, size, reason)
 
     rest = _at_rest(rod, layout, method.intervals)
-    begin = continuation.begin(rest, jnp.eye(layout.count), is_allowed(scene), stepping)
+    begin = continuation.begin(rest, jnp.eye(layout.size), is_allowed(scene), stepping)
     begin = batched_with(scene, begin)
     return lax.while_loop(lambda branch: branch.running, correct, begin), compliance
 

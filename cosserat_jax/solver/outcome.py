@@ -22,8 +22,8 @@ class Outcome(eqx.Enumeration):
         "pose of the tip that meets the base; use MultipleShooting(), as solve and sweep do outside jit and vmap"
     )
     inaccurate = (
-        "the equilibrium is found, but the error of the integration is estimated above the one asked for; give more steps "
-        "or a larger error"
+        "the equilibrium is found, but the error of the integration is estimated above the one asked for; give more "
+        "steps or a larger error"
     )
     integration_failed = (
         "the integration along the arm does not reach the base with finite numbers; give more steps, or lower the load"

@@ -69,7 +69,7 @@ def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any) -> Float[Array
 
 def along(rod: Rod, trajectory: Trajectory, s: Array, batch: int) -> tuple[Array, Array, Array]:
     """The fields, [fields, points, batch], the margin and the defect of the volume constraint at arc lengths `s`."""
-    state, segment = states_at(rod, trajectory, s)
+    state, _ = states_at(rod, trajectory, s)
     s = s if s.ndim == 2 else s[:, None]
     _, section, margin = derivative(rod, s, state, active_at(rod.tendons, s))
     values = field_values(rod, trajectory.base, s, state, section)

@@ -37,7 +37,7 @@ class _Problem(NamedTuple):
     structure: Structure
     part: str
     places: Array
-    count: Array
+    steps: Array
 
     def rod(self, leaves: list[Array], u: Array) -> Rod:
         """The rod at full load with the tensions among the unknowns."""
@@ -141,14 +141,14 @@ def _pushed_forward(problem: _Problem, leaves: list, u: Array, changes: list) ->
         return (nodes.end, d_nodes.end), (nodes, d_nodes)
 
     (base, d_base), (nodes, d_nodes) = lax.scan(onward, (state, d_state), (spans, d_spans, active))
-    d_nodes = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), d_nodes._replace(count=None))
+    d_nodes = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), d_nodes._replace(steps=None))
 
     _, error_linear = along(problem.error, rod, u, base)
     d_error = error_linear(d_rod, du, d_base)
-    kept = nodes._replace(count=None)
+    kept = nodes._replace(steps=None)
 
     def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
-        return problem.results(rod, u, Trajectory(kept._replace(count=nodes.count), base))
+        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base))
 
     _, results_linear = along(results, rod, u, kept, base)
     d_results = results_linear(d_rod, du, d_nodes, d_base)
@@ -160,7 +160,7 @@ def _pushed_forward(problem: _Problem, leaves: list, u: Array, changes: list) ->
 def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, states: tuple) -> tuple[Nodes, Nodes]:
     """The nodes of one segment and their changes, [rows, vectors, batch]."""
     (rod, d_rod), (span, d_span), (state, d_state) = rods, spans, states
-    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.count
+    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
     weights, places = jnp.asarray(tableau.weights), jnp.asarray(tableau.places)
     stages = len(places)
 
@@ -189,9 +189,10 @@ def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, st
         return combine(last, state, slopes), combine(last, d_state, d_slopes), nodes, d_nodes
 
     nodes, d_nodes = (room(most + 1, state),) * 2, (room(most + 1, d_state),) * 2
-    state, d_state, nodes, d_nodes = lax.fori_loop(0, problem.count, step, (state, d_state, nodes, d_nodes))
-    count = jnp.asarray(problem.count)
-    return Nodes(*nodes, state, count), Nodes(*d_nodes, d_state, count)
+    state, d_state, nodes, d_nodes = lax.fori_loop(0, problem.steps, step, (state, d_state, nodes, d_nodes))
+    count = jnp.asarray(problem.steps)
+    (starts, slopes), (d_starts, d_slopes) = nodes, d_nodes
+    return Nodes(starts, slopes, state, count), Nodes(d_starts, d_slopes, d_state, count)
 
 
 def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -> Float[Array, "vectors size batch"]:
@@ -200,15 +201,15 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
     structure = problem.structure
     rod, rod_back = jax.vjp(problem.rod, leaves, u)
     state, tip_back = jax.vjp(problem.at_tip, rod, u)
-    trajectory = shoot(rod, state, structure.tableau, problem.count, structure.most)
+    trajectory = shoot(rod, state, structure.tableau, problem.steps, structure.most)
     base, nodes = trajectory.base, trajectory.nodes
     spans, spans_back = jax.vjp(_floats_of_segments, rod)
     active = segments(rod).active
 
     def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
-        return problem.results(rod, u, Trajectory(kept._replace(count=nodes.count), base))
+        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base))
 
-    _, results_back = jax.vjp(results, rod, u, nodes._replace(count=None), base)
+    _, results_back = jax.vjp(results, rod, u, nodes._replace(steps=None), base)
     _, error_back = jax.vjp(problem.error, rod, u, base)
     unit = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, u.shape[-1]))
     of_error = jax.vmap(error_back)(unit)  # rod, u, base; [n, ...]
@@ -231,7 +232,7 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
         _, back = jax.vjp(lambda before: restarted(rod, span[0], before, active), before)
         return jax.vmap(back)(state_bar)[0], (kept, state_bar)
 
-    given = (spans, active, nodes._replace(count=None), nodes_bar, previous)
+    given = (spans, active, nodes._replace(steps=None), nodes_bar, previous)
     state_bar, ((stages, stages_bar), restart_bar) = lax.scan(backward, base_bar, given, reverse=True)
     at_tip_bar, u_more = jax.vmap(tip_back)(state_bar)
     u_bar = u_bar + u_more
@@ -270,7 +271,7 @@ def _steps_backward(
 ) -> tuple[RodState, tuple[RodState, RodState]]:
     """The cotangents of the state where the segment starts, and of all its stages with the states there,
     [rows, stages, vectors, batch] and [rows, stages, batch], for the parameters."""
-    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.count
+    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
     weights, places = jnp.asarray(tableau.weights), jnp.asarray(tableau.places)
     count = len(places)
 
@@ -287,7 +288,7 @@ def _steps_backward(
 
     def step(m: Array, carry: tuple) -> tuple:
         state_bar, states, bars = carry
-        i = problem.count - 1 - m
+        i = problem.steps - 1 - m
         state = jax.tree.map(lambda leaf: leaf[i], nodes.states)
         slopes = stages_of_step(slope, tableau, i * h, h, state)
         y = jax.tree.map(lambda u, k: u + jnp.tensordot(weights[:count] * h, k, 1), state, slopes)
@@ -317,7 +318,7 @@ def _steps_backward(
 
     states = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape[1:])), nodes.states)
     bars = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), state_bar)
-    state_bar, states, bars = lax.fori_loop(0, problem.count, step, (state_bar, states, bars))
+    state_bar, states, bars = lax.fori_loop(0, problem.steps, step, (state_bar, states, bars))
     return state_bar, (states, bars)
 
 
@@ -326,7 +327,7 @@ def _parameters(
     stages: RodState, stages_bar: RodState, restart_bar: RodState,
 ) -> Rod:  # fmt: skip
     """The cotangents of the rod, [vectors, batch], from those of all stages and of the states where segments start."""
-    places, h = jnp.asarray(problem.structure.tableau.places), 1.0 / problem.count
+    places, h = jnp.asarray(problem.structure.tableau.places), 1.0 / problem.steps
 
     def segment(total: Rod, given: tuple) -> tuple[Rod, Any]:
         span, active, before, stages, stages_bar, restart_bar = given
@@ -343,7 +344,7 @@ def _parameters(
 
         vectors = jax.tree.leaves(restart_bar)[0].shape[0]
         empty = jax.tree.map(lambda leaf: jnp.zeros((len(places), vectors, *leaf.shape)), (rod, span))
-        rod_bar, span_bar = jax.tree.map(lambda leaf: leaf.sum(0), lax.fori_loop(0, problem.count, step, empty))
+        rod_bar, span_bar = jax.tree.map(lambda leaf: leaf.sum(0), lax.fori_loop(0, problem.steps, step, empty))
         _, back = jax.vjp(lambda rod, span: restarted(rod, span[0], before, active), rod, span)
         more, span_more = jax.vmap(back)(restart_bar)
         total = jax.tree.map(lambda a, b, c: a + b + c, total, rod_bar, more)

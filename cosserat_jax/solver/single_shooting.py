@@ -2,9 +2,9 @@
 
 One loop runs one compiled integration from tip to base, again and again; what a pass is for is data. First the branch
 is followed in the load on a coarse grid (see `continuation`): a pass at the unknowns and one for each of them moved a
-little, whose differences are Newton's Jacobian. (Of the unloaded arm it is known.) Then the equilibrium is polished on finer grids, with the Jacobian of
-the coarse one: what changes from one grid to the next shows the error, and the first grid whose error is small enough
-is the last.
+little, whose differences are Newton's Jacobian. (That of the unloaded arm is known.) Then the equilibrium is polished
+on finer grids, with the Jacobian of the coarse one: what changes from one grid to the next shows the error, and the
+first grid whose error is small enough is the last.
 """
 
 from typing import Any, NamedTuple
@@ -98,7 +98,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
     """The equilibria of the scenes, [batch], without derivatives."""
     rod = Rod.of(scene)
     unknowns = Unknowns.of(rod)
-    shape, n = (batch,), unknowns.count
+    shape, n = (batch,), unknowns.size
     outputs = n + (0 if unknowns.pose == 3 else 2)
     compliance = unknowns.compliance_at_rest(rod, shape)
     stepping = Stepping(

@@ -47,7 +47,7 @@ class Unknowns(NamedTuple):
         return cls(3 if rod.depends_on_position else 1, tuple(_units(rod, i) for i in rod.displaced))
 
     @property
-    def count(self) -> int:
+    def size(self) -> int:
         """How many there are."""
         return self.pose + len(self.tendons)
 

@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from jax.typing import ArrayLike
 
 from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
 from ..solver import Automatic, Method, Solution
-from ..solver.solve import empty_solution, places_of
+from ..solver.solve import places_of
 from .batch import solve_rods
 from .checkpoint import Checkpoint
 
@@ -69,42 +70,14 @@ def sweep(
     method, places = Automatic() if method is None else method, places_of(points)
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     rods = {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)}
-    replace(scene, rods)  # every rod of the grid is checked before the first is solved
 
     shape = mesh[0].shape
     count = math.prod(shape)
     size = min(batch, count)
-    # a short last batch is filled up with its last rod, so that one compiled program serves all
-    rows = [np.minimum(np.arange(start, start + size), count - 1) for start in range(0, count, size)]
-    batches = [{path: axis[chosen] for path, axis in rods.items()} for chosen in rows]
     store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, points, size))
-    chunks = [_solved(scene, one, method, places, store, i) for i, one in enumerate(_shown(batches, progress))]
-    leaves = [np.concatenate(parts)[:count] for parts in zip(*chunks, strict=True)]
-    solution = jax.tree.unflatten(_STRUCTURE, [leaf.reshape(shape + leaf.shape[1:]) for leaf in leaves])
+    solved = solve_rods(replace(scene, rods), method, places, size, store, partial(_shown, progress))
+    solution = jax.tree.map(lambda leaf: leaf.reshape(shape + leaf.shape[1:]), solved)
     return Sweep(scene, grid, method, solution)
-
-
-def _solved(
-    scene: Scene,
-    values: dict[str, np.ndarray],
-    method: Method,
-    places: np.ndarray,
-    store: Checkpoint | None,
-    index: int,
-) -> list[np.ndarray]:
-    """The leaves of one batch's solutions, taken from the checkpoint where it has them."""
-    leaves = None if store is None else store.load(index)
-    if leaves is not None:
-        return leaves
-    size = len(next(iter(values.values())))
-    solution = solve_rods(replace(scene, values), method, places, size)
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(solution)]
-    if store is not None:
-        store.save(index, leaves)
-    return leaves
-
-
-_STRUCTURE = jax.tree.structure(empty_solution())
 
 
 def _values(scene: Scene, path: str, values: ArrayLike) -> np.ndarray:
@@ -117,7 +90,7 @@ def _values(scene: Scene, path: str, values: ArrayLike) -> np.ndarray:
     return array
 
 
-def _shown(batches: list, progress: bool) -> Iterable:
+def _shown(progress: bool, batches: Iterable) -> Iterable:
     if not progress:
         return batches
     from tqdm import tqdm
