@@ -1,4 +1,4 @@
-"""A batch is its rods one by one, those that fail among them, and derivatives agree in all modes, alone and in a batch."""
+"""A batch is its rods one by one, those that fail among them; derivatives agree in all modes, alone and in a batch."""
 
 import dataclasses
 
