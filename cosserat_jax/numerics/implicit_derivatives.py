@@ -5,9 +5,9 @@ With u(p) the root of E(u, p) = 0 and O(u, p) what is computed there, the implic
     dO/dp = O_p + O_u du/dp        du/dp = -E_u^-1 E_p
 
 Forward mode with a tangent for each parameter that moves gives the dense Jacobian. It is handed to JAX as a matrix
-times a tangent, so reverse mode costs what forward mode costs, and no loop is ever run backwards: through adaptive steps, or
-a loop whose length is data, that would be wrong or impossible. Differentiating again differentiates that Jacobian in
-the same way, so any nesting of forward and reverse works.
+times a tangent, so reverse mode costs what forward mode costs, and no loop is ever run backwards: through adaptive
+steps, or a loop whose length is data, that would be wrong or impossible. Differentiating again differentiates that
+Jacobian in the same way, so any nesting of forward and reverse works.
 """
 
 import functools as ft

@@ -1,9 +1,9 @@
 """Multiple shooting: for an arm under high axial tension, ill-conditioned for single shooting.
 
 Two neighboring solutions of such an arm part like exp of the integral of sqrt(F.a / (c E J)) along it, whichever end
-one starts from, and past exp(30) no pose of the tip decides anything at the base in double precision. Over a short interval
-they hardly part. The intervals are short where force or curvature is large, and are cut anew before every load; see
-`interval_system` for the equations.
+one starts from, and past exp(30) no pose of the tip decides anything at the base in double precision. Over a short
+interval they hardly part. The intervals are short where force or curvature is large, and are cut anew before every
+load; see `interval_system` for the equations.
 """
 
 import functools as ft
