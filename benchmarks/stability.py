@@ -13,7 +13,7 @@ what each method makes of it.
 - "from the base": plain single shooting, Newton (optimistix) on the force and moment at the base, cold at full load;
   20 iterations, 200 steps between muscle ends.
 - "cold", "load-stepped": `scipy.integrate.solve_bvp` on the reference formulation of the tests, on the first of the
-  scenes, each given up after 15 s. Load-stepped it may step over a limit point whose snap is small.
+  scenes, each given up after 15 s of CPU time. Load-stepped it may step over a limit point whose snap is small.
 - The equilibrium meant is the one that raising all loads in proportion reaches. Where the default finds that it ends
   before the full load, single shooting on its finer grids is asked, and where that does not stop within 1 % of the same
   load, multiple shooting with twice the intervals.
