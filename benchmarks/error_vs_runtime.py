@@ -257,11 +257,13 @@ def drawn(path: Path, runs: list[Run], rods: int) -> None:
             chosen = [run for run in here if (run.solver, run.control) == (solver, control)]
             return np.array([(getattr(run, error), run.milliseconds) for run in chosen]).reshape(-1, 2).T
 
-        for solver, (marker, grey) in shapes.items():
-            shape = {"marker": marker, "color": grey, "markersize": 4, "linewidth": 1}
-            axes.loglog(*points(solver, "fixed"), **shape, label=solver)
-            look = shape | {"linestyle": ":", "markerfacecolor": "white"}
-            axes.loglog(*points(solver, "fixed", "estimated"), **look, label=f"{solver}, estimated")
+        for error, what, look in (
+            ("tip_error", "", {}),
+            ("estimated", ", estimated", {"linestyle": ":", "markerfacecolor": "white"}),
+        ):
+            for solver, (marker, grey) in shapes.items():
+                shape = {"marker": marker, "color": grey, "markersize": 4, "linewidth": 1} | look
+                axes.loglog(*points(solver, "fixed", error), **shape, label=f"{solver}{what}")
         for control, marker in (("load-stepped", "x"), ("cold", "+")):
             if rods == 1:
                 axes.loglog(*points("solve_bvp", control), marker, color="0", label=f"solve_bvp, {control}")
@@ -272,7 +274,7 @@ def drawn(path: Path, runs: list[Run], rods: int) -> None:
         axes.set(xlabel="error of the tip", ylabel=f"run time / ms{'' if rods == 1 else ' per rod'}")
         axes.label_outer()
     handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     figure.savefig(path, dpi=200)
 
 
