@@ -222,7 +222,7 @@ if __name__ == "__main__":
     costs = measured(kept, repeats=5 if chosen.quick else 15)
     print("\nOperations of one evaluation of the right-hand side")
     for cost in costs:
-        counts = f"{cost.unknowns} unknown{'s' if cost.unknowns > 1 else ''}, {cost.stretches} stretches"
+        counts = f"unknowns {cost.unknowns}, stretches {cost.stretches}"
         line(cost.scene, f"{cost.operations_of_right_hand_side:6d}", counts)
     ratios = {kind: beside(costs, kind) for kind in ("one", "batch")}
     for kind, of_scenes in ratios.items():
