@@ -31,7 +31,6 @@ import jax
 import numpy as np
 from collocation import plain, reference
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
 from timing import in_turn, line, machine, options, spread, table, timed
 
 from cosserat_jax import Arm, Automatic, Gravity, Muscle, Scene, SingleShooting, Solution, load, replace, solve
@@ -273,7 +272,7 @@ def drawn(path: Path, runs: list[Run], rods: int) -> None:
         axes.set_title(name if here else f"{name}: not run", fontsize=10)
         axes.grid(color="0.92")
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
+        axes.yaxis.set_minor_formatter(lambda time, _: f"{time:g}" if f"{time:e}"[0] == "3" else "")
         axes.set(xlabel="error of the tip", ylabel=f"run time / ms{'' if rods == 1 else ' per rod'}")
         axes.label_outer()
     handles, labels = panels[0, 0].get_legend_handles_labels()
