@@ -7,7 +7,7 @@
   differences runs once, around that same `solve_bvp`, load-stepped, at tol 1e-6, and in the same scaled parameters.
   An evaluation is one equilibrium of one rod; `fit` gets the derivatives with it.
 - Gradients: of the height of the tip by eight floats of the scene, forward (`jacfwd`) and reverse (`grad`), against one
-  solve, all taken in turn. Both walk through one dense Jacobian, see `cosserat_jax/solver/equilibrium.py`.
+  solve, all taken in turn: a tangent for each float or one discrete adjoint, `cosserat_jax/solver/sensitivities.py`.
 - Coverage: fits to 200 sets of data with Gaussian noise, one batch; how many hold the truth in their 95 % interval.
 - TCAM: a record of temperature and force over 20 s by `scipy.integrate.solve_ivp`, with noise; a joint fit of modulus
   and gain to a record of the tip under a voltage.

@@ -12,7 +12,9 @@ import optimistix as optx
 from collocation import Tip
 
 from cosserat_jax import Scene
-from cosserat_jax.physics.rod import Rod, RodState, derivative
+from cosserat_jax.physics.rod import Rod, RodState, derivative, restarted
+from cosserat_jax.physics.section_laws import ReferenceSection
+from cosserat_jax.physics.segments import segments_of
 
 BATCH = 64
 
@@ -36,13 +38,14 @@ def shoot_from_base(scenes: Scene) -> tuple[jax.Array, ...]:
 
     def one(scene: Scene) -> tuple[jax.Array, ...]:
         rod = Rod.of(scene)
-        length, bending = scene.arm.length, stiffness_at(scene.arm, 0.0).bending
+        length, bending = rod.length, rod.law.stiffness(ReferenceSection(0.0, rod.base_radius)).bending
         units = jnp.stack([bending / length**2, bending / length**2, bending / length])
-        ends, active = (part[::-1] for part in active_stretches(rod.muscles, rod.arm))
+        ends, active = jax.tree.map(lambda part: part[::-1], segments_of(rod.tendons, length))
 
         def at_tip(clamp: jax.Array) -> tuple[RodState, jax.Array]:
             def segment(state: RodState, span: tuple) -> tuple[RodState, jax.Array]:
                 begin, end, active = span
+                state = restarted(rod, begin, state, active)
 
                 def slope(tau: Any, state: Any, _: Any) -> RodState:
                     d_ds = derivative(rod, begin + (end - begin) * tau, state, active)[0]
@@ -55,8 +58,8 @@ def shoot_from_base(scenes: Scene) -> tuple[jax.Array, ...]:
                 )  # fmt: skip
                 return jax.tree.map(lambda y: y[-1], run.ys), run.result == diffrax.RESULTS.successful
 
-            zero, angle = jnp.zeros(()), scene.arm.base_angle
-            start = RodState(zero, zero, angle + zero, jnp.cos(angle), jnp.sin(angle), *(clamp * units))
+            zero, angle, beta = jnp.zeros(()), rod.base_angle, None if rod.is_rigid else jnp.ones(())
+            start = RodState(zero, zero, angle + zero, jnp.cos(angle), jnp.sin(angle), *(clamp * units), beta)
             state, finished = jax.lax.scan(segment, start, (ends[:-1], ends[1:], active))
             return state, finished.all()
 

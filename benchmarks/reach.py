@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 from timing import line, machine, options, seconds, table, timed
 
-from cosserat_jax import Reach, Scene, Shooting, load, reach, replace, solve
+from cosserat_jax import Reach, Scene, SingleShooting, load, reach, replace, solve
 from cosserat_jax.study.starts import grid
 from cosserat_jax.study.workspace import Arms
 
@@ -29,7 +29,7 @@ CLAIM = """\
 Claim: of 200 random targets within reach all are reached to 1e-8 m, of targets out of reach none, for two and three
        muscles, with no more effort than SLSQP needs. Times stand beside SciPy's, which looks from one start only."""
 
-METHOD = Shooting(intervals=1)
+METHOD = SingleShooting()
 
 
 def scenes() -> dict[str, Scene]:

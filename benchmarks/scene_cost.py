@@ -7,15 +7,18 @@ added the full one without any muscle, with unit tangents, and with a load on it
 
 - Measured: compiled, median of calls of all scenes taken in turn, quartiles in brackets; one rod, and a batch of 64
   rods whose Young's moduli run from 0.8 to 1.2 times the scene's, its time per rod. Three points keep the fields small.
+  Both by `SingleShooting()`, which `solve` uses under `jit` and `vmap`.
 - Operations: those lowered for the compiler, as the test counts them. Compile time: trace, lower and compile of one
   rod, JAX's caches cleared before, its persistent cache off.
 - Predicted: the arithmetic operations (add, multiply, divide, root, ..: one each) of one right-hand side, counted in
   its jaxpr, times how often it is evaluated, with those by which the integrator combines its stages. A loop counts as
   often as it runs; Newton's in a cross-section, which runs until it has converged, as 4 steps: from 1 its errors go
-  7e-2, 5e-3, 2e-5, 1e-10. An integration takes steps times stages evaluations; those of Newton over the tip's pose
-  carry derivatives along one unknown or three, the last one none. The numbers of steps and integrations are taken from
-  the solution, in a batch the largest, for it runs until its slowest rod is there. Not counted is what XLA and diffrax
-  spend on a step whatever is in it; so a step of little arithmetic takes longer than predicted.
+  7e-2, 5e-3, 2e-5, 1e-10. An integration takes, in every stretch between muscle ends, steps times stages evaluations.
+  An iteration is one integration on the coarse grid, and one more for each unknown; then comes one on each finer grid
+  up to the last, and on that a second. How many iterations, and which grid is the last, is taken from the solution, in
+  a batch the largest, for it runs until its slowest rod is there. Not counted is what XLA and diffrax spend on a step
+  whatever is in it, so a step of little arithmetic takes longer than predicted; nor are the fields, and a section's
+  start in each stretch.
 - `--out` writes scene_cost.csv and .png.
 """
 
@@ -29,13 +32,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from cosserat_jax.physics.muscles import active_at
 from matplotlib.figure import Figure
 from timing import in_turn, line, machine, options, spread, stages, table
 
-from cosserat_jax import Scene, Shooting, Solution, Tip, replace, solve
-from cosserat_jax.physics.rod import Rod, RodState, derivative, tip_state
+from cosserat_jax import Scene, SingleShooting, Solution, Tip, replace, solve
+from cosserat_jax.physics.rod import Rod, derivative, tip_state
+from cosserat_jax.physics.segments import active_at
 from cosserat_jax.scene.quantity import as_floats
+from cosserat_jax.solver.method import tableau_of
+from cosserat_jax.solver.unknowns import Unknowns
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from test_program_size import SCENES, operations
@@ -45,7 +50,7 @@ Claim: a part that a scene does not have costs nothing, for one rod and in a bat
        (5 % allowed for the clock), and where the counted operations fall by over a tenth, the time falls by at least
        half as much."""
 
-METHOD = Shooting(points=3)
+METHOD, POINTS = SingleShooting(), 3
 RODS, NEWTON_STEPS = 64, 4
 WIDEST = 1.3  # of the panels of the picture, in times of the full scene
 FULL, NONE, MORE = "full", "none of it", ("with unit tangents", "with a load on its tip")
@@ -77,8 +82,8 @@ class Cost(NamedTuple):
     lower_s: float
     compile_s: float
     unknowns: int
+    stretches: int
     operations_of_right_hand_side: int
-    operations_with_derivatives: int
     iterations_one: int
     steps_one: int
     predicted_one: int
@@ -105,37 +110,42 @@ def _is_jaxpr(part: Any) -> bool:
     return hasattr(part, "eqns") or hasattr(part, "jaxpr")
 
 
-def right_hand_side(scene: Scene) -> tuple[int, int, int]:
-    """Operations of one evaluation, alone and with derivatives along every unknown, and the number of unknowns."""
+class Shape(NamedTuple):
+    """Of a scene's equations: operations of one evaluation, numbers of the state, unknowns, stretches."""
+
+    evaluation: int
+    state: int
+    unknowns: int
+    stretches: int
+
+
+def shape_of(scene: Scene) -> Shape:
+    """What the prediction is made from."""
     rod = Rod.of(as_floats(scene))
-    unknowns = 3 if rod.depends_on_position else 1
     state, s = tip_state(rod, jnp.ones(()), jnp.ones(()), jnp.ones(())), jnp.ones(())
-
-    def slope(state: Any) -> Any:
-        return derivative(rod, s, state, active_at(rod.muscles, s))[0]
-
-    def with_derivatives(state: Any, tangents: Any) -> Any:
-        return jax.vmap(lambda tangent: jax.jvp(slope, (state,), (tangent,)), out_axes=(None, 0))(tangents)
-
-    tangents = jax.tree.map(lambda leaf: jnp.ones(unknowns), state)
-    both = jax.make_jaxpr(slope)(state), jax.make_jaxpr(with_derivatives)(state, tangents)
-    return counted(both[0].jaxpr), counted(both[1].jaxpr), unknowns
+    slope = jax.make_jaxpr(lambda state: derivative(rod, s, state, active_at(rod.tendons, s))[0])(state)
+    ends = sum(muscle.end is not None for muscle in scene.muscles)
+    return Shape(counted(slope.jaxpr), len(jax.tree.leaves(state)), Unknowns.of(rod).count, 1 + ends)
 
 
-def predicted(alone: int, with_derivatives: int, unknowns: int, solution: Solution) -> tuple[int, int, int]:
-    """Iterations, steps, and operations of one rod's solve."""
-    iterations, steps = int(np.max(solution.iterations)), int(np.max(solution.steps))
-    tableau = METHOD.solver.tableau
-    stages = tableau.num_stages - tableau.fsal
-    combined = 2 * (stages + 2) * tableau.num_stages * len(RodState._fields)  # two more: the step, and its error
-    newton = stages * with_derivatives + (1 + unknowns) * combined
-    return iterations, steps, steps * (iterations * newton + stages * alone + combined)
+def predicted(shape: Shape, solution: Solution) -> tuple[int, int, int]:
+    """Iterations, steps of the last grid, and operations of one rod's solve."""
+    iterations, last = int(np.max(solution.iterations)), int(np.max(solution.steps))
+    stages = len(tableau_of(METHOD.solver).places)
+    combined = 2 * (stages + 1) * stages * shape.state
+    steps = iterations * (1 + shape.unknowns) * METHOD.coarse_steps
+    steps += sum(count for count in METHOD.steps if count <= last) + last
+    return iterations, last, shape.stretches * steps * (stages * shape.evaluation + combined)
+
+
+def solved(scene: Scene) -> Solution:
+    return solve(scene, METHOD, points=POINTS, throw=False)
 
 
 def batch_of(scene: Scene) -> Solution:
     """64 rods whose Young's moduli differ."""
     moduli = scene.arm.youngs_modulus * jnp.linspace(0.8, 1.2, RODS)
-    return jax.vmap(lambda modulus: solve(replace(scene, {"arm.youngs_modulus": modulus}), METHOD, throw=False))(moduli)
+    return jax.vmap(lambda modulus: solved(replace(scene, {"arm.youngs_modulus": modulus})))(moduli)
 
 
 def measured(chosen: dict[str, Scene], repeats: int) -> list[Cost]:
@@ -146,7 +156,7 @@ def measured(chosen: dict[str, Scene], repeats: int) -> list[Cost]:
     spent, lowered = {}, {}
     for name, scene in chosen.items():
         lowered[name] = operations(scene)
-        run, spent[name] = stages(lambda scene: solve(scene, METHOD, throw=False), scene)
+        run, spent[name] = stages(solved, scene)
         ones[name], batches[name] = partial(run, scene), partial(stages(batch_of, scene)[0], scene)
         value = "trace {:.2f} s, lower {:.2f} s, compile {:.2f} s".format(*spent[name])
         line(name, value, f"{lowered[name]} operations lowered")
@@ -155,17 +165,19 @@ def measured(chosen: dict[str, Scene], repeats: int) -> list[Cost]:
     times_batch = dict(zip(chosen, in_turn(*batches.values(), repeats=repeats), strict=True))
     print("\nRun time of one rod")
     for name, scene in chosen.items():
-        alone, along, unknowns = right_hand_side(scene)
+        shape = shape_of(scene)
         solutions = ones[name](), batches[name]()
         assert all(solution.converged.all() for solution in solutions), f"{name} has no solution"
-        one, batch = (predicted(alone, along, unknowns, solution) for solution in solutions)
+        one, batch = (predicted(shape, solution) for solution in solutions)
         median_one, median_batch = (1e3 * float(np.median(t[name])) for t in (times_one, times_batch))
         of_one, of_batch = (*one, median_one), (*batch, median_batch / RODS)
-        costs.append(Cost(name, lowered[name], *spent[name], unknowns, alone, along, *of_one, *of_batch))
-        line(name, spread(times_one[name]), f"{one[0]} integrations of {one[1]} steps")
+        equations = shape.unknowns, shape.stretches, shape.evaluation
+        costs.append(Cost(name, lowered[name], *spent[name], *equations, *of_one, *of_batch))
+        line(name, spread(times_one[name]), f"{one[0]} iterations, then up to {one[1]} steps")
     print(f"\nRun time per rod of {RODS}")
     for cost in costs:
-        line(cost.scene, spread(times_batch[cost.scene], RODS), f"{cost.iterations_batch} of {cost.steps_batch} steps")
+        how = f"{cost.iterations_batch} iterations, then up to {cost.steps_batch} steps"
+        line(cost.scene, spread(times_batch[cost.scene], RODS), how)
     return costs
 
 
@@ -208,10 +220,10 @@ if __name__ == "__main__":
     if chosen.quick:
         kept = {name: kept[name] for name in (FULL, "rigid section", NONE)}
     costs = measured(kept, repeats=5 if chosen.quick else 15)
-    print("\nOperations of one evaluation of the right-hand side: alone, with derivatives")
+    print("\nOperations of one evaluation of the right-hand side")
     for cost in costs:
-        counts = f"{cost.operations_of_right_hand_side:6d}   {cost.operations_with_derivatives:6d}"
-        line(cost.scene, counts, f"{cost.unknowns} unknown{'s' if cost.unknowns > 1 else ''}")
+        counts = f"unknowns {cost.unknowns}, stretches {cost.stretches}"
+        line(cost.scene, f"{cost.operations_of_right_hand_side:6d}", counts)
     ratios = {kind: beside(costs, kind) for kind in ("one", "batch")}
     for kind, of_scenes in ratios.items():
         print(f"\nIn parts of the full scene's, {kind}: time measured, time predicted")
