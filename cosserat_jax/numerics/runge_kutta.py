@@ -6,6 +6,7 @@ a step are one array [stages, ...] for each array of the state, combined by a do
 program as small as one evaluation of the equations.
 """
 
+import functools as ft
 from typing import Any, NamedTuple
 
 import diffrax
@@ -115,15 +116,19 @@ class Nodes(NamedTuple):
 def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array, "points ..."] | int = 0) -> State:
     """The states at tau in [0, 1] of the integrations numbered `which`, the first axis of `nodes`.
 
-    By Hermite's interpolation of ninth order in the five nodes around, the slope at the last left out; there are at
-    least four steps. `tau` and `which` may have the batch as last axis or be shared by it.
+    By Hermite's interpolation of thirteenth order in the seven nodes around, or as many as there is room for, the
+    slope at the last left out. `tau` and `which` may have the batch as last axis or be shared by it.
     """
     count = jnp.max(nodes.steps)
-    first = jnp.clip(jnp.floor(tau * count).astype(int) - 1, 0, count - 4)
-    local = tau * count - first
-    weights = jnp.tensordot(jnp.asarray(_HERMITE), jnp.stack([local**i for i in range(9)]), 1)
-    tree = jax.tree.structure(nodes.end)
     rows = jax.tree.leaves(nodes.states)[0].shape[1]
+    around = min(_AROUND, rows)
+    first = jnp.clip(jnp.floor(tau * count).astype(int) - (around - 1) // 2, 0, count - around + 1)
+    middle = (around - 1) / 2
+    local = (tau * count - first) / middle - 1  # from -1 to 1 over the nodes
+    basis = jnp.asarray(_hermite(around))
+    weights = jnp.tensordot(basis, jnp.stack([local**i for i in range(basis.shape[1])]), 1)
+    values, rates = weights[:around], weights[around:] * (middle / count)
+    tree = jax.tree.structure(nodes.end)
 
     def stacked(leaves: Any, used: Int[Array, ""]) -> Array:
         """[integrations and nodes, arrays of the state, ...], zero in the room that is left."""
@@ -136,12 +141,10 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     states, slopes = stacked(ended, count + 1), stacked(nodes.slopes, count)
     start = first + rows * which
     if start.ndim < states.ndim - 1:  # places that the batch shares: a matrix, for reading rows by their number is slow
-        matrix = jnp.concatenate(
-            [_matrix(weights[:5], start, len(states)), _matrix(weights[5:] / count, start, len(states))], axis=1
-        )
+        matrix = jnp.concatenate([_matrix(values, start, len(states)), _matrix(rates, start, len(states))], axis=1)
         total = jnp.tensordot(matrix, jnp.concatenate([states, slopes]), 1)
     else:
-        parts = [(states, i, weights[i]) for i in range(5)] + [(slopes, i, weights[5 + i] / count) for i in range(4)]
+        parts = [(states, i, w) for i, w in enumerate(values)] + [(slopes, i, w) for i, w in enumerate(rates)]
         taken = [jnp.take_along_axis(v, (start + i)[:, None], axis=0) * weight[:, None] for v, i, weight in parts]
         total = sum(taken[1:], taken[0])
     return jax.tree.unflatten(tree, [total[:, i] for i in range(total.shape[1])])
@@ -155,16 +158,17 @@ def _matrix(
     return jnp.zeros((len(start), rows)).at[jnp.arange(len(start))[:, None], columns].set(weights.T)
 
 
-def _hermite() -> Float[np.ndarray, "9 9"]:
-    """Row i: the coefficients by powers of x of the polynomial that goes with condition i, which are the values at x =
-    0, 1, 2, 3, 4 and the slopes at 0, 1, 2, 3."""
-    x, powers = np.arange(5.0), np.arange(9)
+_AROUND = 7  # nodes that the dense output takes, where there are as many
+
+
+@ft.lru_cache
+def _hermite(nodes: int) -> Float[np.ndarray, "conditions conditions"]:
+    """Row i: the coefficients by powers of x of the polynomial that goes with condition i, which are the values at
+    equal nodes from -1 to 1 and the slopes at all of them but the last."""
+    x, powers = np.linspace(-1, 1, nodes), np.arange(2 * nodes - 1)
     values = x[:, None] ** powers
-    slopes = powers * x[:4, None] ** np.maximum(powers - 1, 0)
+    slopes = powers * x[:-1, None] ** np.maximum(powers - 1, 0)
     return np.linalg.inv(np.concatenate([values, slopes])).T
-
-
-_HERMITE = _hermite()
 
 
 def integrate(slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], most: int) -> Nodes:

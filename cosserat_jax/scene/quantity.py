@@ -147,7 +147,8 @@ def as_floats(tree: Any) -> Any:
 
 def is_traced(tree: Any) -> bool:
     """Whether JAX hides a value of `tree`, as under `jit` and `vmap`, but not under a plain `grad` or `jacfwd`."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(lax.stop_gradient(tree)))
+    tracers = [leaf for leaf in jax.tree.leaves(tree) if isinstance(leaf, jax.core.Tracer)]
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in lax.stop_gradient(tracers))
 
 
 def concrete(value: Any) -> np.ndarray | None:

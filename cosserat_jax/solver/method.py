@@ -34,7 +34,7 @@ class SingleShooting(eqx.Module):
       third to fourth where a current changes sides along the arm and its force is not smooth. A rod above it has the
       outcome `inaccurate`.
     - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; two to four numbers, at
-      least four each.
+      least six each.
     - `coarse_steps`: of the grid on which the branch is followed in the load, before it is polished on those of
       `steps`.
     - `newton_tol`: Newton stops on the coarse grid after a step below this, in radians and lengths; what is left is
@@ -49,7 +49,7 @@ class SingleShooting(eqx.Module):
     """
 
     error: float = eqx.field(static=True, default=1e-8)
-    steps: tuple[int, ...] = eqx.field(static=True, default=(9, 11, 15, 20))
+    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 12, 16, 20))
     coarse_steps: int = eqx.field(static=True, default=3)
     newton_tol: float = eqx.field(static=True, default=1e-4)
     max_iterations: int = eqx.field(static=True, default=60)
@@ -57,8 +57,8 @@ class SingleShooting(eqx.Module):
     solver: diffrax.AbstractERK = diffrax.Dopri8()
 
     def __check_init__(self) -> None:
-        if not 2 <= len(self.steps) <= _MOST_GRIDS or self.steps[0] < 4 or list(self.steps) != sorted(set(self.steps)):
-            raise ValueError(f"steps must be two to {_MOST_GRIDS} growing numbers from 4 on, but are {self.steps}")
+        if not 2 <= len(self.steps) <= _MOST_GRIDS or self.steps[0] < 6 or list(self.steps) != sorted(set(self.steps)):
+            raise ValueError(f"steps must be two to {_MOST_GRIDS} growing numbers from 6 on, but are {self.steps}")
         if self.coarse_steps < 1:
             raise ValueError(f"coarse_steps must be at least 1, but is {self.coarse_steps}")
 
@@ -113,7 +113,7 @@ class Automatic(eqx.Module):
         """The methods, in turn."""
         return (
             SingleShooting(self.error, steps=self.traced.steps[:2]),
-            SingleShooting(self.error, steps=(11, 13, 16, 20), coarse_steps=6),
+            SingleShooting(self.error, steps=(12, 14, 17, 20), coarse_steps=6),
             MultipleShooting(error=self.error),
         )
 
@@ -127,6 +127,7 @@ def tableau_of(solver: diffrax.AbstractERK) -> Tableau:
 Method = SingleShooting | MultipleShooting | Automatic
 
 
+@ft.lru_cache
 def methods_of(method: Method | None, *, traced: bool = False) -> tuple[SingleShooting | MultipleShooting, ...]:
     """The methods to try in turn, where JAX is tracing only one; None is `Automatic()`."""
     method = Automatic() if method is None else method

@@ -22,7 +22,7 @@ FIELDS = ("s", "x", "y", "theta", "nu", "eta", "mu", "beta", "N", "H", "M", "for
 _ACCEPTED_RESIDUAL = 1e-7
 _SINGULAR = 1e5  # norm of the inverse of the clamp's Jacobian from which the arm counts as standing at a limit point
 _FOLDING = 1e-3  # d(volume)/d(beta), 1 at rest and 0 at a fold, below which the constraint counts as folded
-_DEFECT = 1e-6  # of the volume constraint along the arm, from which it counts as folded
+_DEFECT = 1e-6  # of the volume constraint along the arm, from which it is not kept: beyond a fold, or on too few steps
 TIP = ("x", "y", "theta", "nu", "eta", "mu", "beta")
 
 
@@ -125,17 +125,18 @@ def outcome_of(
     the volume constraint, the residual, the estimated error and the one asked for, the Jacobian of the clamp.
     """
     condition, inverse = linear_systems.condition_number(jacobian)
-    is_folded = ~(jnp.min(margin, axis=0) >= _FOLDING) | ~(jnp.max(defect, axis=0) <= _DEFECT)
+    kept = jnp.max(defect, axis=0) <= _DEFECT
+    is_folded = ~(jnp.min(margin, axis=0) >= _FOLDING)
     if rod.is_rigid:
         is_folded = jnp.zeros_like(is_folded)
     folded, failed = code_of(Outcome.volume_constraint_folded), code_of(Outcome.integration_failed)
     outcome = jnp.where(residual < _ACCEPTED_RESIDUAL, 0, code_of(Outcome.ill_conditioned))
-    outcome = jnp.where((outcome == 0) & ~(error <= asked), code_of(Outcome.inaccurate), outcome)
+    outcome = jnp.where((outcome == 0) & ~((error <= asked) & kept), code_of(Outcome.inaccurate), outcome)
     outcome = jnp.where(inverse > _SINGULAR, code_of(Outcome.limit_point), outcome)
     outcome = jnp.where(is_folded, folded, outcome)
     outcome = jnp.where(jnp.isfinite(residual), outcome, failed)
     keeps = (followed == code_of(Outcome.bad_input)) | (followed == code_of(Outcome.muscles_redundant))
-    lost = jnp.where(is_folded & ~keeps, folded, followed)
+    lost = jnp.where((is_folded | ~kept) & ~keeps, folded, followed)
     outcome = jnp.where(followed == 0, outcome, lost)
     worst = jnp.argmin(jnp.where(defect <= _DEFECT, margin, -defect), axis=0)
     place = jnp.take_along_axis(jnp.broadcast_to(s, margin.shape), worst[None], axis=0)[0]

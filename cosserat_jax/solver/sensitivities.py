@@ -25,7 +25,7 @@ from ..numerics import batching, linear_systems
 from ..numerics.runge_kutta import Nodes, combine, stages_of_step
 from ..physics.rod import Rod, RodState, derivative, restarted
 from ..physics.segments import active_at
-from .integrate import Segment, Trajectory, segments, shoot, slope_of, states_at
+from .integrate import Segment, Trajectory, segments, slope_of, states_at
 from .outputs import FIELDS, TIP, Structure, arc_lengths, field_values, stacked, tip_values
 from .unknowns import Unknowns
 
@@ -198,13 +198,18 @@ def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, st
 def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -> Float[Array, "vectors size batch"]:
     """The cotangents of the floats from those of O, the unknowns following."""
     n = len(u)
-    structure = problem.structure
     rod, rod_back = jax.vjp(problem.rod, leaves, u)
     state, tip_back = jax.vjp(problem.at_tip, rod, u)
-    trajectory = shoot(rod, state, structure.tableau, problem.steps, structure.most)
-    base, nodes = trajectory.base, trajectory.nodes
     spans, spans_back = jax.vjp(_floats_of_segments, rod)
     active = segments(rod).active
+
+    def onward(state: RodState, given: tuple) -> tuple[RodState, tuple]:
+        span, active = given
+        state = restarted(rod, span[0], state, active)
+        nodes, stages = _steps_recorded(problem, rod, span, active, state)
+        return nodes.end, (nodes, stages)
+
+    base, (nodes, stages) = lax.scan(onward, state, (spans, active))
 
     def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
         return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base))
@@ -225,15 +230,15 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
     previous = jax.tree.map(lambda at_tip, ends: jnp.concatenate([at_tip[None], ends[:-1]]), state, nodes.end)
 
     def backward(state_bar: RodState, given: tuple) -> tuple[RodState, tuple]:
-        span, active, nodes, nodes_bar, before = given
+        span, active, stages, nodes_bar, before = given
         if nodes_bar is not None:
             state_bar = jax.tree.map(jnp.add, state_bar, nodes_bar.end)
-        state_bar, kept = _steps_backward(problem, rod, span, active, nodes, nodes_bar, state_bar)
+        state_bar, stages_bar = _steps_backward(problem, rod, span, active, stages, nodes_bar, state_bar)
         _, back = jax.vjp(lambda before: restarted(rod, span[0], before, active), before)
-        return jax.vmap(back)(state_bar)[0], (kept, state_bar)
+        return jax.vmap(back)(state_bar)[0], (stages_bar, state_bar)
 
-    given = (spans, active, nodes._replace(steps=None), nodes_bar, previous)
-    state_bar, ((stages, stages_bar), restart_bar) = lax.scan(backward, base_bar, given, reverse=True)
+    given = (spans, active, stages, nodes_bar, previous)
+    state_bar, (stages_bar, restart_bar) = lax.scan(backward, base_bar, given, reverse=True)
     at_tip_bar, u_more = jax.vmap(tip_back)(state_bar)
     u_bar = u_bar + u_more
     rod_bar = jax.tree.map(jnp.add, rod_bar, at_tip_bar)
@@ -266,18 +271,46 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
     return jnp.concatenate([leaf.reshape(len(cotangents), -1, u.shape[-1]) for leaf in leaves_bar], axis=1)
 
 
+def _steps_recorded(problem: _Problem, rod: Rod, span: tuple, active: Any, state: RodState) -> tuple[Nodes, RodState]:
+    """The nodes of one segment, and the states at all stages, [rows, stages, batch]."""
+    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
+    weights = jnp.asarray(tableau.weights)
+    count = len(tableau.places)
+    slope = slope_of(rod, Segment(span[0], span[1], active, span[2]))
+
+    def step(m: Array, carry: tuple) -> tuple:
+        state, stages, slopes = carry
+        k = stages_of_step(slope, tableau, m * h, h, state)
+        y = jax.tree.map(lambda u, k: u + jnp.tensordot(weights[:count] * h, k, 1), state, k)
+        stages, slopes = jax.tree.map(lambda all, one: all.at[m].set(one), (stages, slopes), (y, _first(k)))
+        return combine(weights[count] * h, state, k), stages, slopes
+
+    stages = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), state)
+    slopes = jax.tree.map(lambda leaf: jnp.zeros((most + 1, *leaf.shape)), state)
+    end, stages, slopes = lax.fori_loop(0, problem.steps, step, (state, stages, slopes))
+    starts = jax.tree.map(lambda leaf: jnp.pad(leaf[:, 0], ((0, 1), *((0, 0),) * (leaf.ndim - 2))), stages)
+    return Nodes(starts, slopes, end, jnp.asarray(problem.steps)), stages
+
+
+def _first(stages: RodState) -> RodState:
+    return jax.tree.map(lambda k: k[0], stages)
+
+
 def _steps_backward(
-    problem: _Problem, rod: Rod, span: tuple, active: Any, nodes: Nodes, nodes_bar: Nodes | None, state_bar: RodState
-) -> tuple[RodState, tuple[RodState, RodState]]:
-    """The cotangents of the state where the segment starts, and of all its stages with the states there,
-    [rows, stages, vectors, batch] and [rows, stages, batch], for the parameters."""
+    problem: _Problem,
+    rod: Rod,
+    span: tuple,
+    active: Any,
+    stages: RodState,
+    nodes_bar: Nodes | None,
+    state_bar: RodState,
+) -> tuple[RodState, RodState]:
+    """The cotangents of the state where the segment starts, and of the slopes at all its stages,
+    [rows, stages, vectors, batch], for the parameters."""
     tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
     weights, places = jnp.asarray(tableau.weights), jnp.asarray(tableau.places)
     count = len(places)
-
-    def slope(tau: Array, y: RodState) -> RodState:
-        return slope_of(rod, Segment(span[0], span[1], active, span[2]))(tau, y)
-
+    slope = slope_of(rod, Segment(span[0], span[1], active, span[2]))
     tree = None
 
     def linear_at(tau: Array, y: RodState) -> Any:
@@ -287,12 +320,9 @@ def _steps_backward(
         return leaves
 
     def step(m: Array, carry: tuple) -> tuple:
-        state_bar, states, bars = carry
+        state_bar, bars = carry
         i = problem.steps - 1 - m
-        state = jax.tree.map(lambda leaf: leaf[i], nodes.states)
-        slopes = stages_of_step(slope, tableau, i * h, h, state)
-        y = jax.tree.map(lambda u, k: u + jnp.tensordot(weights[:count] * h, k, 1), state, slopes)
-        residuals = jax.vmap(linear_at)(i * h + places * h, y)
+        residuals = jax.vmap(linear_at)((i + places) * h, jax.tree.map(lambda leaf: leaf[i], stages))
         slope_bar = None if nodes_bar is None else jax.tree.map(lambda leaf: leaf[:, i], nodes_bar.slopes)
 
         def stage(j: Array, carry: tuple) -> tuple:
@@ -313,13 +343,10 @@ def _steps_backward(
         state_bar = jax.tree.map(lambda end, ys: end + ys.sum(0), state_bar, ys_bar)
         if nodes_bar is not None:
             state_bar = jax.tree.map(lambda bar, leaf: bar + leaf[:, i], state_bar, nodes_bar.states)
-        states, bars = jax.tree.map(lambda all, one: all.at[i].set(one), (states, bars), (y, ks_bar))
-        return state_bar, states, bars
+        return state_bar, jax.tree.map(lambda all, one: all.at[i].set(one), bars, ks_bar)
 
-    states = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape[1:])), nodes.states)
     bars = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), state_bar)
-    state_bar, states, bars = lax.fori_loop(0, problem.steps, step, (state_bar, states, bars))
-    return state_bar, (states, bars)
+    return lax.fori_loop(0, problem.steps, step, (state_bar, bars))
 
 
 def _parameters(

@@ -67,12 +67,13 @@ def starts_along_valleys(
     """
     spacing = _spacing(box, shape)
     close = _within(box, _APART * spacing)
-    hessian = np.einsum("kmi,kmj->kij", known.jacobian, known.jacobian)
+    jacobian = np.where(known.exists[:, None, None], known.jacobian, 0.0)  # an arm without equilibrium has none
+    hessian = np.einsum("kmi,kmj->kij", jacobian, jacobian)
     owner, places = [], [np.zeros((0, box.shape[1]))]
     for i, target in enumerate(targets):
-        error = known.r - target
-        step = newton_step(box, np.einsum("kmi,km->ki", known.jacobian, error), hessian, np.full(len(box), spacing))
-        left = np.linalg.norm(error + np.einsum("kmi,ki->km", known.jacobian, step), axis=-1)
+        error = np.where(known.exists[:, None], known.r - target, 0.0)
+        step = newton_step(box, np.einsum("kmi,km->ki", jacobian, error), hessian, np.full(len(box), spacing))
+        left = np.linalg.norm(error + np.einsum("kmi,ki->km", jacobian, step), axis=-1)
         left = np.where(known.exists, left, np.inf)
         for _ in range(_ALONG_VALLEY):
             k = int(np.argmin(left))
