@@ -146,7 +146,7 @@ def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array
     else:
         parts = [(states, i, w) for i, w in enumerate(values)] + [(slopes, i, w) for i, w in enumerate(rates)]
         taken = [jnp.take_along_axis(v, (start + i)[:, None], axis=0) * weight[:, None] for v, i, weight in parts]
-        total = sum(taken[1:], taken[0])
+        total = ft.reduce(jnp.add, taken)
     return jax.tree.unflatten(tree, [total[:, i] for i in range(total.shape[1])])
 
 

@@ -25,9 +25,12 @@ from ..numerics.runge_kutta import Tableau
 from ..physics.rod import Rod, RodState, derivative, restarted
 from ..physics.section_laws import ReferenceSection
 from ..physics.segments import segments_of
+from ..physics.volume import volume_defect
 from ..scene.quantity import Scalar
 from .integrate import Segment, graded, integrate
 from .unknowns import Unknowns
+
+_CONSISTENT = 1e-5  # error of the volume constraint up to which an integration counts
 
 
 class Nodes(NamedTuple):
@@ -67,6 +70,7 @@ class Linearized(NamedTuple):
     clamp_rates: Float[Array, "unknowns params"]
     lengths: "_LinearLengths | None"
     error: Float[Array, ""]
+    keeps_volume: Bool[Array, ""]
 
     def solve(
         self, layout: Unknowns, compliance: Float[Array, "tendons tendons"] | None = None
@@ -136,14 +140,17 @@ def linearized(
     tip, tip_rates = jax.jacfwd(at_tip, argnums=(0, 1))(pose, params)
 
     def along(states_step: Array, params_step: Array) -> tuple:
-        def integrated(states: Array, params: Array) -> tuple[Array, Any]:
-            kept, ends, _ = integrate_all(rod_of(params), Nodes(nodes.cuts, states), tableau, steps)
-            return ends, kept.end.shortenings
+        def integrated(states: Array, params: Array) -> tuple[tuple, tuple]:
+            kept, ends, span = integrate_all(rod_of(params), Nodes(nodes.cuts, states), tableau, steps)
+            return (ends, kept.end.shortenings), (kept.end, span)
 
-        return jax.jvp(integrated, (states, params), (jnp.broadcast_to(states_step, states.shape), params_step))
+        steps_along = (jnp.broadcast_to(states_step, states.shape), params_step)
+        return jax.jvp(integrated, (states, params), steps_along, has_aux=True)
 
     both = jnp.eye(size + params.size)
-    (ends, shorter), (rates, shorter_rates) = jax.vmap(along, out_axes=(None, -1))(both[:, :size], both[:, size:])
+    (ends, shorter), (rates, shorter_rates), (at_end, span) = jax.vmap(along, out_axes=(None, -1, None))(
+        both[:, :size], both[:, size:]
+    )
     clamp_rates = jax.jacfwd(lambda params: clamp(rod_of(params), layout.pose))(params)
     clamp_error = states[-1, : layout.pose] - clamp(rod, layout.pose)
     shortenings = jax.tree.map(jnp.sum, shorter)
@@ -152,8 +159,18 @@ def linearized(
         lengths = _linear_lengths(rod_of, params, shortenings, jnp.stack(shorter_rates, axis=1))
     error = largest_error(rod, layout, states, ends, shortenings)
     return Linearized(
-        states, ends, rates[..., :size], rates[..., size:], tip, tip_rates, clamp_error, clamp_rates, lengths, error
-    )
+        states, ends, rates[..., :size], rates[..., size:], tip, tip_rates, clamp_error, clamp_rates, lengths, error,
+        _keeps_volume(rod, at_end, span),
+    )  # fmt: skip
+
+
+def _keeps_volume(rod: Rod, state: RodState, span: Segment) -> Bool[Array, ""]:
+    """Whether the sections at the ends of all intervals keep their volume, short of a fold."""
+    if rod.is_rigid:
+        return jnp.asarray(True)
+    _, section, margin = derivative(rod, span.end, state, span.active)
+    defect = volume_defect(section.nu, section.mu, section.beta, section.surface)
+    return ((jnp.abs(defect) < _CONSISTENT) & (margin > 0)).all()
 
 
 def _linear_lengths(

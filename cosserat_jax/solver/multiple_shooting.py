@@ -87,7 +87,8 @@ def _find(scene: Scene, method: MultipleShooting) -> tuple[continuation.Branch, 
         return cut_anew(pulled(rod.at_load(ahead), nodes), nodes)
 
     def reason(usable: Array, jacobian: Array) -> Array:
-        return jnp.where(usable, code_of(Outcome.limit_point), code_of(Outcome.integration_failed))
+        failed = code_of(Outcome.integration_failed if rod.is_rigid else Outcome.volume_constraint_folded)
+        return jnp.where(usable, code_of(Outcome.limit_point), failed)
 
     def correct(branch: continuation.Branch) -> continuation.Branch:
         nodes, load = branch.trial, branch.trial_load
@@ -101,7 +102,8 @@ def _find(scene: Scene, method: MultipleShooting) -> tuple[continuation.Branch, 
         )
         correction = Correction(
             unknowns=jax.tree.map(jnp.add, nodes._replace(states=linear.states), newton),
-            step=size(newton), error=linear.error, rate=rate, jacobian=jacobian, usable=jnp.isfinite(linear.error),
+            step=size(newton), error=linear.error, rate=rate, jacobian=jacobian, 
+            usable=jnp.isfinite(linear.error) & linear.keeps_volume,
         )  # fmt: skip
         return continuation.advance(branch, correction, stepping, predict, size, reason)
 

@@ -117,15 +117,15 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         return value, unknowns.taut(loaded, base.shortenings, shape), trajectory
 
     def consistent(u: Array, load: Array, base: RodState) -> Array:
-        """Whether the integration came through, and kept the volume."""
+        """Whether the integration came through, and kept the volume, short of a fold."""
         finite = jnp.isfinite(base.theta + base.x + base.y)
         if rod.is_rigid:
             return finite
         loaded = unknowns.applied(rod.at_load(load), u)
         active = tuple(jnp.asarray(True) for _ in rod.tendons)
-        _, section, _ = derivative(loaded, jnp.zeros(shape), base, active)
+        _, section, margin = derivative(loaded, jnp.zeros(shape), base, active)
         defect = volume_defect(section.nu, section.mu, section.beta, section.surface)
-        return finite & (jnp.abs(defect) < _CONSISTENT)
+        return finite & (jnp.abs(defect) < _CONSISTENT) & (margin > 0)
 
     def follow(loop: _Loop, value: Array, base: RodState, taut: Array) -> _Loop:
         """After a pass on the coarse grid; at the end of a round of them the branch advances."""

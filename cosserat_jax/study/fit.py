@@ -9,7 +9,7 @@ import optimistix as optx
 
 from ..scene import Scene, SceneError
 from ..solver import Method
-from ..solver.method import methods_of
+from ..solver.method import MultipleShooting, methods_of
 from .calibration import Calibration
 from .free import Free, Unbounded, free_parameters
 from .measurements import Measurements, read_measurements
@@ -74,8 +74,8 @@ def fit(
         return Calibration(scene, measured, problem, found, solver, steps)
 
     found = by(*methods_of(method, traced=True))
-    harder = methods_of(method)[-1]
-    return by(harder) if found.lost_rows and method is None else found
+    harder = [each for each in methods_of(method) if isinstance(each, MultipleShooting)]
+    return by(harder[0]) if found.lost_rows and method is None else found
 
 
 def _solver(optimiser: Any) -> Any:
