@@ -17,7 +17,6 @@ from cosserat_jax import (
     load,
     replace,
     solve,
-    tcam_response,
 )
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
@@ -138,12 +137,3 @@ def test_no_program_calls_back_to_python(method: SingleShooting | MultipleShooti
     assert "stablehlo" in text(lambda tension: tip_height(tension, method))
     assert "callback" not in text(lambda tension: tip_height(tension, method))
     assert "callback" not in text(jax.grad(lambda tension: tip_height(tension, method)))
-
-
-def test_no_program_of_a_muscle_calls_back_to_python():
-    tcam = load("octopus-tcam").muscles[0].tcam
-
-    def temperature(time: jax.Array) -> jax.Array:
-        return tcam_response(tcam, jnp.stack([time])).temperature[0]
-
-    assert "callback" not in jax.jit(temperature).lower(3.0).as_text()
