@@ -15,7 +15,7 @@ from ..scene import TCAM
 from ..scene.quantity import concrete
 
 _MOST_GRIDS = 4  # of single shooting
-_ROOM = 20  # steps that any program of single shooting has room for, so that methods share it
+_ROOM = 28  # steps that any program of single shooting has room for, so that methods share it
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
 
 
@@ -49,7 +49,7 @@ class SingleShooting(eqx.Module):
     """
 
     error: float = eqx.field(static=True, default=1e-8)
-    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 12, 16, 20))
+    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 12, 18, 28))
     coarse_steps: int = eqx.field(static=True, default=3)
     newton_tol: float = eqx.field(static=True, default=1e-4)
     max_iterations: int = eqx.field(static=True, default=60)
@@ -97,8 +97,9 @@ class Automatic(eqx.Module):
 
     First single shooting on two grids, so that in a batch no rod waits for the finer grids of another; for what that
     loses, single shooting on finer grids; for what that loses, multiple shooting, in four steps an interval or in
-    sixteen. Which rods are lost is looked at in Python, so where JAX is tracing, as under `jit` and `vmap`, `SingleShooting()` with all its grids is used alone.
-    `error` [rad, lengths of the arm] is the one number that sets how accurate all of them are.
+    sixteen. Which rods are lost is looked at in Python, so where JAX is tracing, as under `jit` and `vmap`,
+    `SingleShooting()` with all its grids is used alone. `error` [rad, lengths of the arm] is the one number that sets
+    how accurate all of them are.
     """
 
     error: float = eqx.field(static=True, default=1e-8)
@@ -113,7 +114,7 @@ class Automatic(eqx.Module):
         """The methods, in turn."""
         return (
             SingleShooting(self.error, steps=self.traced.steps[:2]),
-            SingleShooting(self.error, steps=(12, 14, 17, 20), coarse_steps=6),
+            SingleShooting(self.error, steps=(12, 16, 20, 28), coarse_steps=6),
             MultipleShooting(error=self.error),
             MultipleShooting(error=self.error, steps=16),
         )
