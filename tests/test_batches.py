@@ -78,6 +78,7 @@ def height(values: jax.Array, name: str) -> jax.Array:
     return jnp.stack([solution.tip.y, solution.tip.theta, solution.fields.y[0], 1e-2 * solution.fields.mu[0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PATHS)
 def test_derivatives_agree_in_all_modes_alone_and_in_a_batch(name: str):
     scene, paths = PATHS[name]

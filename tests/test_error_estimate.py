@@ -33,7 +33,7 @@ def test_error_is_not_underestimated_on_hard_scenes():
     assert compared >= 8
 
 
-@pytest.mark.parametrize("number", [5, 6])
+@pytest.mark.parametrize("number", [pytest.param(5, marks=pytest.mark.slow), 6])
 def test_error_is_not_underestimated_beside_collocation(number: int):
     plain = hard.drawn(SEED, number)
     expected = reference.solve(plain, tol=1e-9)

@@ -78,7 +78,7 @@ def test_a_float_of_a_users_load_is_a_parameter_that_is_swept_and_differentiated
     assert float(jax.grad(deflection)(STIFFNESS)) == pytest.approx(numerical, rel=1e-6)
 
 
-@pytest.mark.parametrize("section", ["rigid", "volume-preserving"])
+@pytest.mark.parametrize("section", ["rigid", pytest.param("volume-preserving", marks=pytest.mark.slow)])
 def test_a_users_strain_energy_of_linear_elasticity_is_the_built_in_law(section: str):
     """Tip, fields, and derivatives by its floats."""
     octopus = replace(load("octopus"), {"arm.cross_section": section})

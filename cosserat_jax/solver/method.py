@@ -84,7 +84,7 @@ class MultipleShooting(eqx.Module):
     """
 
     intervals: int = eqx.field(static=True, default=64)
-    steps: int = eqx.field(static=True, default=4)
+    steps: int = eqx.field(static=True, default=8)
     error: float = eqx.field(static=True, default=1e-8)
     newton_tol: float = eqx.field(static=True, default=1e-6)
     max_iterations: int = eqx.field(static=True, default=400)
@@ -96,10 +96,9 @@ class Automatic(eqx.Module):
     """What `solve` and `sweep` do by default: `methods` in turn, each for the rods that the one before did not solve.
 
     First single shooting on two grids, so that in a batch no rod waits for the finer grids of another; for what that
-    loses, single shooting on finer grids; for what that loses, multiple shooting, in four steps an interval or in
-    sixteen. Which rods are lost is looked at in Python, so where JAX is tracing, as under `jit` and `vmap`,
-    `SingleShooting()` with all its grids is used alone. `error` [rad, lengths of the arm] is the one number that sets
-    how accurate all of them are.
+    loses, single shooting on finer grids; for what that loses, multiple shooting. Which rods are lost is looked at in
+    Python, so where JAX is tracing, as under `jit` and `vmap`, `SingleShooting()` with all its grids is used alone.
+    `error` [rad, lengths of the arm] is the one number that sets how accurate all of them are.
     """
 
     error: float = eqx.field(static=True, default=1e-8)
@@ -110,13 +109,12 @@ class Automatic(eqx.Module):
         return SingleShooting(self.error)
 
     @property
-    def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting, MultipleShooting]:
+    def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting]:
         """The methods, in turn."""
         return (
             SingleShooting(self.error, steps=self.traced.steps[:2]),
             SingleShooting(self.error, steps=(12, 16, 20, 28), coarse_steps=6),
             MultipleShooting(error=self.error),
-            MultipleShooting(error=self.error, steps=16),
         )
 
 
