@@ -32,7 +32,7 @@ _REACH = 2.0  # radians and lengths by which a prediction moves the tip at most
 _DIFFERENCE = 1e-7  # of an unknown, for the Jacobian
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 _SETTLED = 1e-4  # correction on a finer grid from which on it is as good as the root
-_POLISHED = 1e-12  # correction that is round-off, should a smaller error be asked for
+_POLISHED = 1e-12, 1e-10  # correction left in the result, a hundredth of the error asked for within these bounds
 _SURE_ORDER = 4  # at which errors fall with the number of steps; eight where all is smooth, less where a current
 # changes sides along the arm
 _MOST_POLISHES = 16  # passes on the finer grids
@@ -177,7 +177,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         estimate = jnp.where(counts & ~is_first, estimate, loop.estimate)
         accurate = ~is_first & ~(alive & ~(estimate <= settings.error)).any()
         is_final_grid = accurate | (loop.level >= settings.grids - 1)
-        polished = ~(size > jnp.maximum(settings.error, _POLISHED)).any() | (loop.passes >= _MOST_POLISHES)
+        polished = ~(size > jnp.clip(1e-2 * settings.error, *_POLISHED)).any() | (loop.passes >= _MOST_POLISHES)
         is_last = loop.is_last | (is_settled & is_final_grid)
         done = is_last & polished
         return loop._replace(
