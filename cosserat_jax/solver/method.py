@@ -112,8 +112,8 @@ class Automatic(eqx.Module):
     def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting]:
         """The methods, in turn."""
         return (
-            SingleShooting(self.error, steps=(9, 11)),
-            SingleShooting(self.error, steps=(12, 16, 20, 28), coarse_steps=6),
+            SingleShooting(self.error, steps=self.traced.steps[:2]),
+            SingleShooting(self.error, steps=(14, 20, 28, 40), coarse_steps=6),
             MultipleShooting(error=self.error),
         )
 
