@@ -121,7 +121,7 @@ def volume_defect(nu: Scalar, mu: Scalar, beta: Scalar, surface: Scalar) -> Scal
 def _volume(x: tuple[Array, ...], params: tuple[AbstractSectionLaw, Place, SectionLoad]) -> tuple[Any]:
     (beta,), (law, place, load) = x, params
     if isinstance(law, AbstractLinearLaw) and not any(pull.unit for pull in place.pulls):
-        sums = _sums(law, place, load)
+        sums = _sums(law, place)
         terms = _terms(sums, load, beta)
         return ((beta - 1) + (terms.extension - place.surface * terms.curvature) / terms.w,)
     nu, _, mu = _strains(law, place, load, beta, 0.0)
@@ -156,7 +156,7 @@ class _Sums(NamedTuple):
     second_s: Scalar
 
 
-def _sums(law: AbstractLinearLaw, place: Place, load: SectionLoad) -> _Sums:
+def _sums(law: AbstractLinearLaw, place: Place) -> _Sums:
     def stiffness(step: Scalar) -> Any:
         moved = place.moved(step)
         return law.stiffness(ReferenceSection(moved.s, moved.radius))
@@ -204,7 +204,7 @@ def _terms(sums: _Sums, load: SectionLoad, beta: Scalar) -> _Terms:
 
 
 def _closed(law: AbstractLinearLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> Strained:
-    sums = _sums(law, place, load)
+    sums = _sums(law, place)
     t = _terms(sums, load, beta)
     surface, first = place.surface, sums.first
     inverse = 1 / (t.square * t.w)

@@ -19,7 +19,6 @@ from ..numerics.runge_kutta import Nodes, Tableau, dense_output
 from ..numerics.runge_kutta import integrate as integrate_equal_steps
 from ..physics.rod import Rod, RodState, derivative, restarted
 from ..physics.segments import segments_of
-from ..scene.quantity import Scalar
 
 _GRADING = 0.35
 
@@ -117,8 +116,3 @@ def states_at(rod: Rod, trajectory: Trajectory, s: Float[Array, "points ..."]) -
 
     here = jax.tree.map(taken, spans)
     return dense_output(nodes, here.tau(s), which), here
-
-
-def section_at(rod: Rod, s: Scalar, state: RodState, segment: Segment) -> Any:
-    """The deformed section at `s` and the margin of the volume constraint there."""
-    return derivative(rod, s, state, segment.active)[1:]
