@@ -25,7 +25,7 @@ from ..scene.quantity import Scalar
 from .loads import AbstractLoad, DeformedSection
 from .section_laws import AbstractSectionLaw, GivenStiffness, LinearElastic
 from .tendon import Pull, Tendon, pull_at, shortening_rate
-from .volume import Place, SectionLoad, Strained, scale_root, strained
+from .volume import Felt, Loads, Place, SectionLoad, Strained, felt, scale_root, strained
 from .water import Flow
 from .weight import Weight
 
@@ -182,29 +182,16 @@ def section_load(state: RodState) -> SectionLoad:
     return SectionLoad(axial, shear, state.moment)
 
 
-def derivative(rod: Rod, s: Scalar, state: RodState, active: Any) -> tuple[RodState, DeformedSection, Scalar]:
+def derivative(
+    rod: Rod, s: Scalar, state: RodState, active: Any, felt: Felt | None = None
+) -> tuple[RodState, DeformedSection, Scalar]:
     """d(state)/ds at `s` with these tendons active, the cross-section there, and how far the volume constraint is from
-    folding: d(volume)/d(beta) at given load, from 1 at rest to 0."""
+    folding: d(volume)/d(beta) at given load, from 1 at rest to 0. For `felt` see `strained`."""
     place, load = place_at(rod, s, active), section_load(state)
-
-    def deformed(nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar) -> DeformedSection:
-        return DeformedSection(
-            s=s, x=state.x, y=state.y, cos=state.cos, sin=state.sin, nu=nu, eta=eta, mu=mu, beta=beta, beta_s=beta_s,
-            radius=place.radius, surface=place.surface, surface_slope=place.surface_slope,
-        )  # fmt: skip
-
-    def loads(nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar) -> tuple[SectionLoad, tuple]:
-        f1, f2, m = _distributed(rod, deformed(nu, eta, mu, beta, beta_s))
-        # in the turning frame: (F.a)_s = F_s.a + mu F.b and (F.b)_s = F_s.b - mu F.a
-        axial = mu * load.shear - (f1 * state.cos + f2 * state.sin)
-        shear = -mu * load.axial - (f2 * state.cos - f1 * state.sin)
-        moment = eta * load.axial - nu * load.shear - m
-        return SectionLoad(axial, shear, moment), (f1, f2, moment)
-
-    found: Strained = strained(rod.law, place, load, state.beta, loads)
+    found: Strained = strained(rod.law, place, load, state.beta, _loads(rod, place, load, state), felt)
     nu, eta, mu = found.nu, found.eta, found.mu
     f1, f2, moment = found.loads
-    section = deformed(nu, eta, mu, found.beta, found.beta_s)
+    section = _deformed(place, state, nu, eta, mu, found.beta, found.beta_s)
     rates = RodState(
         x=nu * state.cos - eta * state.sin,
         y=nu * state.sin + eta * state.cos,
@@ -218,6 +205,37 @@ def derivative(rod: Rod, s: Scalar, state: RodState, active: Any) -> tuple[RodSt
         shortenings=tuple(_shortening(place.pulls[i], section, active[i]) for i in rod.displaced),
     )
     return rates, section, found.margin
+
+
+def felt_at(rod: Rod, s: Scalar, state: RodState, active: Any, beta_s: Scalar) -> Felt | None:
+    """What `derivative` may be given where it has found `beta_s`; nothing of a rigid section."""
+    if rod.is_rigid:
+        return None
+    place, load = place_at(rod, s, active), section_load(state)
+    return felt(rod.law, place, load, state.beta, _loads(rod, place, load, state), beta_s)
+
+
+def _deformed(
+    place: Place, state: RodState, nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar
+) -> DeformedSection:
+    return DeformedSection(
+        s=place.s, x=state.x, y=state.y, cos=state.cos, sin=state.sin, nu=nu, eta=eta, mu=mu, beta=beta, beta_s=beta_s,
+        radius=place.radius, surface=place.surface, surface_slope=place.surface_slope,
+    )  # fmt: skip
+
+
+def _loads(rod: Rod, place: Place, load: SectionLoad, state: RodState) -> Loads:
+    """What the loads along the arm make of the section's load, and with it the slopes of F and M."""
+
+    def loads(nu: Scalar, eta: Scalar, mu: Scalar, beta: Scalar, beta_s: Scalar) -> tuple[SectionLoad, tuple]:
+        f1, f2, m = _distributed(rod, _deformed(place, state, nu, eta, mu, beta, beta_s))
+        # in the turning frame: (F.a)_s = F_s.a + mu F.b and (F.b)_s = F_s.b - mu F.a
+        axial = mu * load.shear - (f1 * state.cos + f2 * state.sin)
+        shear = -mu * load.axial - (f2 * state.cos - f1 * state.sin)
+        moment = eta * load.axial - nu * load.shear - m
+        return SectionLoad(axial, shear, moment), (f1, f2, moment)
+
+    return loads
 
 
 def _shortening(pull: Pull, section: DeformedSection, is_active: Any) -> Scalar:

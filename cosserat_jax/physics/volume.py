@@ -42,6 +42,7 @@ from .section_laws import AbstractLinearLaw, AbstractSectionLaw, ReferenceSectio
 from .tendon import Pull, tangent
 
 _MOST_FELT = 0.5  # the largest |d(rates)/d(beta_s)| that is believed: in the last digits it is noise
+_EVALUATIONS = 3  # of the loads in the search for beta_s
 _ROOT_STEP = 0.25  # the longest step of Newton towards beta
 
 
@@ -88,20 +89,69 @@ class Strained(NamedTuple):
     margin: Scalar
 
 
+class Felt(NamedTuple):
+    """A known beta_s, and what a linearization around it need not find again: 1 / (1 - d(beta_s)/d(beta_s)), as the
+    loads feel it, and the derivative of what else the loads make."""
+
+    beta_s: Scalar
+    gain: Scalar
+    loads: Any
+
+
 # from (nu, eta, mu, beta, beta_s) to the rates (F.a)_s, (F.b)_s, M_s of the section's load, and what else is asked
 Loads = Callable[[Scalar, Scalar, Scalar, Scalar, Scalar], tuple[SectionLoad, Any]]
 
 
-def strained(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar | None, loads: Loads) -> Strained:
-    """The section under its load, at a given scale `beta`, None where the section is rigid."""
-    any_unit = any(pull.unit for pull in place.pulls)
+def strained(
+    law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar | None, loads: Loads,
+    felt: Felt | None = None,
+) -> Strained:  # fmt: skip
+    """The section under its load, at a given scale `beta`, None where the section is rigid.
+
+    With `felt`, of the same section, beta_s is not looked for: the loads are evaluated once, and the derivatives are
+    the same. That is what a linearization is made of.
+    """
     if beta is None:
-        if isinstance(law, AbstractLinearLaw) and not any_unit:
+        if _is_closed(law, place):
             nu, eta, mu = _linear_strains(law, place, load)
         else:
             nu, eta, mu = _strains(law, place, load, 1.0, 0.0)
         return Strained(nu, eta, mu, 1.0, 0.0, loads(nu, eta, mu, 1.0, 0.0)[1], 1.0)
-    if isinstance(law, AbstractLinearLaw) and not any_unit:
+    slope_at, strained_at, search = _pieces(law, place, load, beta, loads)
+    if felt is None:
+        beta_s, more = search()
+    else:  # one step of Newton from the root
+        found, more = slope_at(felt.beta_s)
+        move = (found - felt.beta_s) * felt.gain
+        beta_s, more = felt.beta_s + move, jax.tree.map(lambda m, d: m + d * move, more, felt.loads)
+    return strained_at(beta_s, more)
+
+
+def felt(
+    law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads, beta_s: Scalar
+) -> Felt:  # fmt: skip
+    """What `strained` may be given where `beta_s` is what it has found."""
+    slope_at, _, _ = _pieces(law, place, load, beta, loads)
+    _, (rate, more) = jax.jvp(slope_at, (beta_s,), (jnp.ones_like(beta_s),))
+    return Felt(beta_s, 1 / (1 - rate), more)
+
+
+def _is_closed(law: AbstractSectionLaw, place: Place) -> bool:
+    """Whether the strains have a closed form at given beta."""
+    return isinstance(law, AbstractLinearLaw) and not any(pull.unit for pull in place.pulls)
+
+
+class _Pieces(NamedTuple):
+    """Of a section: the beta_s that follows from a beta_s, by what the loads make there, and what else they make; the
+    section at the beta_s found; and the search for it."""
+
+    slope_at: Callable[[Scalar], tuple[Scalar, Any]]
+    strained_at: Callable[[Scalar, Any], Strained]
+    search: Callable[[], tuple[Scalar, Any]]
+
+
+def _pieces(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> _Pieces:
+    if isinstance(law, AbstractLinearLaw) and _is_closed(law, place):
         return _closed(law, place, load, beta, loads)
     return _general(law, place, load, beta, loads)
 
@@ -120,7 +170,7 @@ def volume_defect(nu: Scalar, mu: Scalar, beta: Scalar, surface: Scalar) -> Scal
 
 def _volume(x: tuple[Array, ...], params: tuple[AbstractSectionLaw, Place, SectionLoad]) -> tuple[Any]:
     (beta,), (law, place, load) = x, params
-    if isinstance(law, AbstractLinearLaw) and not any(pull.unit for pull in place.pulls):
+    if isinstance(law, AbstractLinearLaw) and _is_closed(law, place):
         sums = _sums(law, place)
         terms = _terms(sums, load, beta)
         return ((beta - 1) + (terms.extension - place.surface * terms.curvature) / terms.w,)
@@ -203,7 +253,7 @@ def _terms(sums: _Sums, load: SectionLoad, beta: Scalar) -> _Terms:
     )  # fmt: skip
 
 
-def _closed(law: AbstractLinearLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> Strained:
+def _closed(law: AbstractLinearLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> _Pieces:
     sums = _sums(law, place)
     t = _terms(sums, load, beta)
     surface, first = place.surface, sums.first
@@ -231,36 +281,39 @@ def _closed(law: AbstractLinearLaw, place: Place, load: SectionLoad, beta: Scala
         rates, more = loads(nu, eta + slip * beta_s, mu, beta, beta_s)
         return (by_s + by_axial * rates.axial + by_moment * rates.moment) * falling, more
 
-    beta_s, more = _consistent(slope_at, beta)
-    return Strained(nu, eta + slip * beta_s, mu, beta, beta_s, more, by_beta / t.w)
+    def strained_at(beta_s: Scalar, more: Any) -> Strained:
+        return Strained(nu, eta + slip * beta_s, mu, beta, beta_s, more, by_beta / t.w)
+
+    return _Pieces(slope_at, strained_at, lambda: _consistent(slope_at, beta, looped=False))
 
 
-def _consistent(slope_at: Callable[[Scalar], tuple[Scalar, Any]], beta: Scalar) -> tuple[Scalar, Any]:
+def _consistent(slope_at: Callable[[Scalar], tuple[Scalar, Any]], like: Scalar, *, looped: bool) -> tuple[Scalar, Any]:
     """The beta_s that `slope_at` gives back, and what else it gives there: by the secant method from zero, with three
     evaluations, of which the last two make the line that leads to the result. Two leave 7e-7 lengths in the tip of an
-    extreme arm, where three leave 1e-13."""
-    zero = jnp.zeros_like(beta)
-    first, at_zero = slope_at(zero)
-    second, at_first = slope_at(first)
-    point, _ = _on_the_line(zero, first, second, at_zero, at_first)
-    third, at_point = slope_at(point)
-    return _on_the_line(first, point, third, at_first, at_point, second)
+    extreme arm, where three leave 1e-13.
 
+    Where `slope_at` is a large program it stands in a loop, once."""
 
-def _on_the_line(
-    before: Scalar, at: Scalar, found: Scalar, more_before: Any, more: Any, found_before: Scalar | None = None
-) -> tuple[Scalar, Any]:
-    """The x that f(x) = x would have on the line through f(before) and f(at) = found, and what else is linear in x.
+    def onward(carry: tuple) -> tuple:
+        before, found_before, more_before, at = carry
+        found, more = slope_at(at)
+        apart = at - before
+        moves = apart != 0
+        apart = jnp.where(moves, apart, 1.0)
+        rate = jnp.where(moves, (found - found_before) / apart, 0.0)
+        move = (found - at) / (1 - jnp.clip(rate, -_MOST_FELT, _MOST_FELT))
+        part = jnp.where(moves, move / apart, 0.0)
+        return at, found, more, at + move, jax.tree.map(lambda a, b: b + (b - a) * part, more_before, more)
 
-    Without `found_before`, f(before) is `at`."""
-    apart = at - before
-    nonzero = apart != 0
-    apart = jnp.where(nonzero, apart, 1.0)
-    rate = jnp.where(nonzero, (found - (at if found_before is None else found_before)) / apart, 0.0)
-    rate = jnp.clip(rate, -_MOST_FELT, _MOST_FELT)
-    move = (found - at) / (1 - rate)
-    part = jnp.where(nonzero, move / apart, 0.0)
-    return at + move, jax.tree.map(lambda a, b: b + (b - a) * part, more_before, more)
+    zero = jnp.zeros_like(like)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), jax.eval_shape(slope_at, zero)[1])
+    carry = (zero, zero, nothing, zero, nothing)
+    if looped:
+        carry = lax.fori_loop(0, _EVALUATIONS, lambda _, carry: onward(carry[:4]), carry)
+    else:
+        for _ in range(_EVALUATIONS):
+            carry = onward(carry[:4])
+    return carry[3:]
 
 
 def _strains(
@@ -288,7 +341,7 @@ def _unbalance(strains: tuple[Array, ...], params: Any) -> tuple[Array, Array, A
     return axial - load.axial, shear - load.shear, moment - load.moment
 
 
-def _general(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> Strained:
+def _general(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> _Pieces:
     """With the slopes of g by JAX: that of the strains by the adjoint of the three equations they solve.
 
     Here g itself feels beta_s, through |t_c| of a unit tangent. Carried along the rod is the root without that part,
@@ -311,16 +364,22 @@ def _general(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Sca
     _, back = jax.vjp(constraint, *at)
     by_beta, by_s, *by_load = back(jnp.ones_like(nu))
 
-    def slope_at(strains: tuple[Scalar, Scalar, Scalar], scale: Scalar, beta_s: Scalar) -> tuple[Scalar, Any]:
+    def section_at(beta_s: Scalar) -> tuple[tuple[Scalar, Scalar, Scalar], Scalar]:
+        """Its strains and its own scale."""
+        found = _strains(law, place, load, beta, beta_s)
+        if not any(pull.unit for pull in place.pulls):  # whose constraint does not feel beta_s
+            return found, beta
+        nu, _, mu = found
+        scale = beta - volume_defect(nu, mu, beta, place.surface) / by_beta
+        return _strains(law, place, load, scale, beta_s), scale
+
+    def slope_at(beta_s: Scalar) -> tuple[Scalar, Any]:
+        strains, scale = section_at(beta_s)
         rates, more = loads(*strains, scale, beta_s)
         return -(by_s + sum(slope * rate for slope, rate in zip(by_load, rates, strict=True))) / by_beta, more
 
-    first, _ = slope_at(strains, beta, zero)
-    second, _ = slope_at(_strains(law, place, load, beta, first), beta, first)
-    felt = jnp.where(first != 0, (second - first) / jnp.where(first != 0, first, 1.0), 0.0)
-    beta_s = first / (1 - jnp.clip(felt, -_MOST_FELT, _MOST_FELT))  # by the secant method
-    nu, _, mu = _strains(law, place, load, beta, beta_s)
-    scale = beta - volume_defect(nu, mu, beta, place.surface) / by_beta
-    nu, eta, mu = _strains(law, place, load, scale, beta_s)
-    beta_s, more = slope_at((nu, eta, mu), scale, beta_s)
-    return Strained(nu, eta, mu, scale, beta_s, more, lax.stop_gradient(by_beta))
+    def strained_at(beta_s: Scalar, more: Any) -> Strained:
+        (nu, eta, mu), scale = section_at(beta_s)
+        return Strained(nu, eta, mu, scale, beta_s, more, lax.stop_gradient(by_beta))
+
+    return _Pieces(slope_at, strained_at, lambda: _consistent(slope_at, nu, looped=True))

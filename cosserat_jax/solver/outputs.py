@@ -57,12 +57,17 @@ class Report(NamedTuple):
     steps: Array
 
 
-def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any) -> Float[Array, "values batch"]:
-    """The numbers of the tip, in the order of `TIP`, the tension of every muscle, and the unknowns."""
-    shape = u.shape[1:]
-    active = tuple(jnp.asarray(True) if tendon.end is None else tendon.end >= rod.length for tendon in rod.tendons)
+def active_at_tip(rod: Rod) -> tuple[Any, ...]:
+    """The tendons that run to the tip."""
+    return tuple(jnp.asarray(True) if tendon.end is None else tendon.end >= rod.length for tendon in rod.tendons)
+
+
+def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any, felt: Any = None) -> Float[Array, "values batch"]:
+    """The numbers of the tip, in the order of `TIP`, the tension of every muscle, and the unknowns. For `felt` see
+    `physics.volume.strained`."""
+    shape, active = u.shape[1:], active_at_tip(rod)
     state = restarted(rod, rod.length, unknowns.tip(rod, u), active)
-    _, section, _ = derivative(rod, rod.length, state, active)
+    _, section, _ = derivative(rod, rod.length, state, active, felt)
     values = [state.x - base.x, state.y - base.y, u[0], section.nu, section.eta, section.mu, section.beta]
     return jnp.concatenate([stacked(values, shape), unknowns.tensions(rod, base.shortenings, shape), u])
 

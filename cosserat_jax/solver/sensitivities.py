@@ -23,10 +23,10 @@ from jaxtyping import Array, Float
 
 from ..numerics import batching, linear_systems
 from ..numerics.runge_kutta import Nodes, combine, stages_of_step
-from ..physics.rod import Rod, RodState, derivative, restarted
+from ..physics.rod import Rod, RodState, derivative, felt_at, restarted
 from ..physics.segments import active_at
 from .integrate import Segment, Trajectory, segments, slope_of, states_at
-from .outputs import FIELDS, TIP, Structure, arc_lengths, field_values, stacked, tip_values
+from .outputs import FIELDS, TIP, Structure, active_at_tip, arc_lengths, field_values, stacked, tip_values
 from .unknowns import Unknowns
 
 
@@ -53,14 +53,25 @@ class _Problem(NamedTuple):
         """E."""
         return Unknowns.of(rod).error(rod, base)
 
-    def results(self, rod: Rod, u: Array, trajectory: Trajectory) -> Array:
+    def felt(self, rod: Rod, u: Array, trajectory: Trajectory) -> Any:
+        """What the linearization of `results` takes as known."""
+        if self.part == "tip":
+            active = active_at_tip(rod)
+            state = restarted(rod, rod.length, self.at_tip(rod, u), active)
+            return felt_at(rod, rod.length, state, active, derivative(rod, rod.length, state, active)[1].beta_s)
+        s = arc_lengths(self.places, rod.length, u.shape[-1])
+        state, _ = states_at(rod, trajectory, s)
+        active = active_at(rod.tendons, s)
+        return felt_at(rod, s, state, active, derivative(rod, s, state, active)[1].beta_s)
+
+    def results(self, rod: Rod, u: Array, trajectory: Trajectory, felt: Any) -> Array:
         """O."""
         if self.part == "tip":
-            return tip_values(rod, Unknowns.of(rod), u, trajectory.base)
+            return tip_values(rod, Unknowns.of(rod), u, trajectory.base, felt)
         batch = u.shape[-1]
         s = arc_lengths(self.places, rod.length, batch)
         state, _ = states_at(rod, trajectory, s)
-        _, section, _ = derivative(rod, s, state, active_at(rod.tendons, s))
+        _, section, _ = derivative(rod, s, state, active_at(rod.tendons, s), felt)
         values = field_values(rod, trajectory.base, s, state, section)
         return stacked(values, (len(s), batch)).reshape(-1, batch)
 
@@ -146,9 +157,10 @@ def _pushed_forward(problem: _Problem, leaves: list, u: Array, changes: list) ->
     _, error_linear = along(problem.error, rod, u, base)
     d_error = error_linear(d_rod, du, d_base)
     kept = nodes._replace(steps=None)
+    felt = problem.felt(rod, u, Trajectory(nodes, base))
 
     def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
-        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base))
+        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base), felt)
 
     _, results_linear = along(results, rod, u, kept, base)
     d_results = results_linear(d_rod, du, d_nodes, d_base)
@@ -171,10 +183,14 @@ def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, st
         slopes, d_slopes = carry
         y, dy = combine(weights[i] * h, state, slopes), combine(weights[i] * h, d_state, d_slopes)
 
-        def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
-            return slope_of(rod, Segment(span[0], span[1], active, span[2]))(tau + places[i] * h, y)
+        at = tau + places[i] * h
+        f = slope_of(rod, Segment(span[0], span[1], active, span[2]))(at, y)
+        felt = _felt(rod, span, active, at, y, f.beta)
 
-        f, linear = jax.linearize(slope, rod, span, y)
+        def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
+            return slope_of(rod, Segment(span[0], span[1], active, span[2]), felt)(at, y)
+
+        _, linear = jax.linearize(slope, rod, span, y)
         df = jax.vmap(linear)(d_rod, d_span, dy)
         return jax.tree.map(lambda k, new: k.at[i].set(new), (slopes, d_slopes), (f, df))
 
@@ -205,15 +221,17 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
 
     def onward(state: RodState, given: tuple) -> tuple[RodState, tuple]:
         span, active = given
-        state = restarted(rod, span[0], state, active)
-        nodes, stages = _steps_recorded(problem, rod, span, active, state)
-        return nodes.end, (nodes, stages)
+        start = restarted(rod, span[0], state, active)
+        nodes, stages = _steps_recorded(problem, rod, span, active, start)
+        return nodes.end, (state, nodes, stages)
 
-    base, (nodes, stages) = lax.scan(onward, state, (spans, active))
+    base, (before, nodes, stages) = lax.scan(onward, state, (spans, active))
+    felt = problem.felt(rod, u, Trajectory(nodes, base))
 
     def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
-        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base))
+        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base), felt)
 
+    # those of E, one for each unknown, and behind them those of O go through the integration together
     _, results_back = jax.vjp(results, rod, u, nodes._replace(steps=None), base)
     _, error_back = jax.vjp(problem.error, rod, u, base)
     unit = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, u.shape[-1]))
@@ -226,53 +244,41 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
         padded = jax.tree.map(lambda leaf: jnp.pad(leaf, ((n, 0), *((0, 0),) * (leaf.ndim - 1))), of_results[2])
         nodes_bar = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), padded)  # segments first
 
-    # by the state alone, from the base to the tip
-    previous = jax.tree.map(lambda at_tip, ends: jnp.concatenate([at_tip[None], ends[:-1]]), state, nodes.end)
-
-    def backward(state_bar: RodState, given: tuple) -> tuple[RodState, tuple]:
-        span, active, stages, nodes_bar, before = given
+    def backward(carry: tuple[RodState, Rod], given: tuple) -> tuple[tuple[RodState, Rod], Any]:
+        (state_bar, total), (span, active, before, stages, nodes_bar) = carry, given
         if nodes_bar is not None:
             state_bar = jax.tree.map(jnp.add, state_bar, nodes_bar.end)
-        state_bar, stages_bar = _steps_backward(problem, rod, span, active, stages, nodes_bar, state_bar)
-        _, back = jax.vjp(lambda before: restarted(rod, span[0], before, active), before)
-        return jax.vmap(back)(state_bar)[0], (stages_bar, state_bar)
+        *bars, start_bar = _steps_backward(problem, rod, span, active, stages, nodes_bar, state_bar)
+        _, back = jax.vjp(lambda rod, span, before: restarted(rod, span[0], before, active), rod, span, before)
+        *more, before_bar = jax.vmap(back)(start_bar)
+        rod_bar, span_bar = jax.tree.map(jnp.add, bars, more)
+        return (before_bar, jax.tree.map(jnp.add, total, rod_bar)), span_bar
 
-    given = (spans, active, stages, nodes_bar, previous)
-    state_bar, (stages_bar, restart_bar) = lax.scan(backward, base_bar, given, reverse=True)
+    given = (spans, active, before, stages, nodes_bar)
+    (state_bar, rod_bar), spans_bar = lax.scan(backward, (base_bar, rod_bar), given, reverse=True)
+    spans_bar = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), spans_bar)
     at_tip_bar, u_more = jax.vmap(tip_back)(state_bar)
-    u_bar = u_bar + u_more
-    rod_bar = jax.tree.map(jnp.add, rod_bar, at_tip_bar)
+    of_spans = jax.vmap(lambda bar: spans_back(bar)[0])(spans_bar)
+    rod_bar = jax.tree.map(lambda *parts: sum(parts), rod_bar, at_tip_bar, of_spans)
+    leaves_bar, u_last = jax.vmap(rod_back)(rod_bar)
+    by_u = u_bar + u_more + u_last
+    by_floats = jnp.concatenate([leaf.reshape(len(by_u), -1, u.shape[-1]) for leaf in leaves_bar], axis=1)
 
-    def parameters(stages_bar: RodState, restart_bar: RodState) -> Rod:
-        given = (rod, spans, active, previous, stages, stages_bar, restart_bar)
-        return _parameters(problem, spans_back, *given)
-
-    if rod.displaced:  # the rod itself has unknowns, its tensions
-        rod_bar = jax.tree.map(jnp.add, rod_bar, parameters(stages_bar, restart_bar))
-        u_bar = u_bar + jax.vmap(lambda bar: rod_back(bar)[1])(rod_bar)
-
-    # u follows: w = -E_u^-T O_u^T for each vector, then one column a vector
-    by_unknowns = jnp.swapaxes(u_bar[:n], 0, 1)  # E_u^T
-    w = -linear_systems.solve_columns(by_unknowns, jnp.moveaxis(u_bar[n:], 0, 1))
-
-    def join(leaf: Array, axis: int = 0) -> Array:
-        leaf = jnp.moveaxis(leaf, axis, 0)
-        weights = w.reshape(*w.shape[:2], *(1,) * (leaf.ndim - 2), w.shape[-1])
-        return jnp.moveaxis(leaf[n:] + (weights * leaf[:n, None]).sum(0), 0, axis)
-
-    rod_bar = jax.tree.map(join, rod_bar)
-    if not rod.displaced:
-        joined = (
-            jax.tree.map(lambda leaf: join(leaf, 3), stages_bar),
-            jax.tree.map(lambda leaf: join(leaf, 1), restart_bar),
-        )
-        rod_bar = jax.tree.map(jnp.add, rod_bar, parameters(*joined))
-    leaves_bar = jax.vmap(lambda bar: rod_back(bar)[0])(rod_bar)
-    return jnp.concatenate([leaf.reshape(len(cotangents), -1, u.shape[-1]) for leaf in leaves_bar], axis=1)
+    # u follows: w = -E_u^-T O_u^T for each vector
+    w = -linear_systems.solve_columns(jnp.swapaxes(by_u[:n], 0, 1), jnp.moveaxis(by_u[n:], 0, 1))
+    return by_floats[n:] + jnp.einsum("nkb,npb->kpb", w, by_floats[:n])
 
 
-def _steps_recorded(problem: _Problem, rod: Rod, span: tuple, active: Any, state: RodState) -> tuple[Nodes, RodState]:
-    """The nodes of one segment, and the states at all stages, [rows, stages, batch]."""
+def _felt(rod: Rod, span: tuple, active: Any, tau: Any, y: RodState, slope: Any) -> Any:
+    """What the linearization of a stage takes as known, from its slope."""
+    s, rate = Segment(span[0], span[1], active, span[2]).place(tau)
+    return None if slope is None else felt_at(rod, s, y, active, slope / rate)
+
+
+def _steps_recorded(
+    problem: _Problem, rod: Rod, span: tuple, active: Any, state: RodState
+) -> tuple[Nodes, tuple[RodState, Any]]:
+    """The nodes of one segment, and the states at all stages with the slopes of beta there, [rows, stages, batch]."""
     tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
     weights = jnp.asarray(tableau.weights)
     count = len(tableau.places)
@@ -282,13 +288,15 @@ def _steps_recorded(problem: _Problem, rod: Rod, span: tuple, active: Any, state
         state, stages, slopes = carry
         k = stages_of_step(slope, tableau, m * h, h, state)
         y = jax.tree.map(lambda u, k: u + jnp.tensordot(weights[:count] * h, k, 1), state, k)
-        stages, slopes = jax.tree.map(lambda all, one: all.at[m].set(one), (stages, slopes), (y, _first(k)))
+        stages, slopes = jax.tree.map(
+            lambda all, one: all.at[m].set(one), (stages, slopes), ((y, k.beta), _first(k))
+        )  # fmt: skip
         return combine(weights[count] * h, state, k), stages, slopes
 
-    stages = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), state)
+    stages = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), (state, state.beta))
     slopes = jax.tree.map(lambda leaf: jnp.zeros((most + 1, *leaf.shape)), state)
     end, stages, slopes = lax.fori_loop(0, problem.steps, step, (state, stages, slopes))
-    starts = jax.tree.map(lambda leaf: jnp.pad(leaf[:, 0], ((0, 1), *((0, 0),) * (leaf.ndim - 2))), stages)
+    starts = jax.tree.map(lambda leaf: jnp.pad(leaf[:, 0], ((0, 1), *((0, 0),) * (leaf.ndim - 2))), stages[0])
     return Nodes(starts, slopes, end, jnp.asarray(problem.steps)), stages
 
 
@@ -301,32 +309,36 @@ def _steps_backward(
     rod: Rod,
     span: tuple,
     active: Any,
-    stages: RodState,
+    stages: tuple[RodState, Any],
     nodes_bar: Nodes | None,
     state_bar: RodState,
-) -> tuple[RodState, RodState]:
-    """The cotangents of the state where the segment starts, and of the slopes at all its stages,
-    [rows, stages, vectors, batch], for the parameters."""
-    tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
+) -> tuple[Rod, tuple, RodState]:
+    """The cotangents of the rod, of the floats of the segment, and of the state where it starts, [vectors, batch]."""
+    tableau, h = problem.structure.tableau, 1.0 / problem.steps
     weights, places = jnp.asarray(tableau.weights), jnp.asarray(tableau.places)
-    count = len(places)
-    slope = slope_of(rod, Segment(span[0], span[1], active, span[2]))
+    count, vectors = len(places), len(state_bar.x)
     tree = None
 
-    def linear_at(tau: Array, y: RodState) -> Any:
+    def linear_at(tau: Array, stage: tuple[RodState, Any]) -> Any:
         nonlocal tree
-        _, back = jax.vjp(lambda y: slope(tau, y), y)
-        leaves, tree = jax.tree.flatten(back)
+        y, beta_slope = stage
+        felt = _felt(rod, span, active, tau, y, beta_slope)
+
+        def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
+            return slope_of(rod, Segment(span[0], span[1], active, span[2]), felt)(tau, y)
+
+        leaves, tree = jax.tree.flatten(jax.vjp(slope, rod, span, y)[1])
         return leaves
 
     def step(m: Array, carry: tuple) -> tuple:
-        state_bar, bars = carry
+        parameters_bar, state_bar = carry
         i = problem.steps - 1 - m
+        # what is linear comes apart from what is not, or XLA would compute the latter again for each cotangent
         residuals = jax.vmap(linear_at)((i + places) * h, jax.tree.map(lambda leaf: leaf[i], stages))
         slope_bar = None if nodes_bar is None else jax.tree.map(lambda leaf: leaf[:, i], nodes_bar.slopes)
 
         def stage(j: Array, carry: tuple) -> tuple:
-            ys_bar, ks_bar = carry
+            parameters_bar, ys_bar = carry
             r = count - 1 - j
             k_bar = jax.tree.map(
                 lambda end, later: h * (weights[count, r] * end + jnp.tensordot(weights[:count, r], later, 1)),
@@ -335,53 +347,20 @@ def _steps_backward(
             if slope_bar is not None:
                 k_bar = jax.tree.map(lambda bar, first: bar + jnp.where(r == 0, first, 0.0), k_bar, slope_bar)
             back = jax.tree.unflatten(tree, [leaf[r] for leaf in residuals])
-            (y_bar,) = jax.vmap(back)(k_bar)
-            return jax.tree.map(lambda all, one: all.at[r].set(one), (ys_bar, ks_bar), (y_bar, k_bar))
+            *more, y_bar = jax.vmap(back)(k_bar)
+            parameters_bar = jax.tree.map(jnp.add, parameters_bar, tuple(more))
+            return parameters_bar, jax.tree.map(lambda all, one: all.at[r].set(one), ys_bar, y_bar)
 
         empty = jax.tree.map(lambda leaf: jnp.zeros((count, *leaf.shape)), state_bar)
-        ys_bar, ks_bar = lax.fori_loop(0, count, stage, (empty, empty))
+        parameters_bar, ys_bar = lax.fori_loop(0, count, stage, (parameters_bar, empty))
         state_bar = jax.tree.map(lambda end, ys: end + ys.sum(0), state_bar, ys_bar)
         if nodes_bar is not None:
             state_bar = jax.tree.map(lambda bar, leaf: bar + leaf[:, i], state_bar, nodes_bar.states)
-        return state_bar, jax.tree.map(lambda all, one: all.at[i].set(one), bars, ks_bar)
+        return parameters_bar, state_bar
 
-    bars = jax.tree.map(lambda leaf: jnp.zeros((most, count, *leaf.shape)), state_bar)
-    return lax.fori_loop(0, problem.steps, step, (state_bar, bars))
-
-
-def _parameters(
-    problem: _Problem, spans_back: Callable, rod: Rod, spans: Any, active: Any, previous: RodState,
-    stages: RodState, stages_bar: RodState, restart_bar: RodState,
-) -> Rod:  # fmt: skip
-    """The cotangents of the rod, [vectors, batch], from those of all stages and of the states where segments start."""
-    places, h = jnp.asarray(problem.structure.tableau.places), 1.0 / problem.steps
-
-    def segment(total: Rod, given: tuple) -> tuple[Rod, Any]:
-        span, active, before, stages, stages_bar, restart_bar = given
-
-        def pulled(tau: Array, y: RodState, k_bar: RodState) -> tuple[Rod, Any]:
-            def slope(rod: Rod, span: tuple) -> RodState:
-                return slope_of(rod, Segment(span[0], span[1], active, span[2]))(tau, y)
-
-            return jax.vmap(jax.vjp(slope, rod, span)[1])(k_bar)
-
-        def step(i: Array, carry: Any) -> Any:
-            y, bars = (jax.tree.map(lambda leaf: leaf[i], part) for part in (stages, stages_bar))
-            return jax.tree.map(jnp.add, carry, jax.vmap(pulled)((i + places) * h, y, bars))
-
-        vectors = jax.tree.leaves(restart_bar)[0].shape[0]
-        empty = jax.tree.map(lambda leaf: jnp.zeros((len(places), vectors, *leaf.shape)), (rod, span))
-        rod_bar, span_bar = jax.tree.map(lambda leaf: leaf.sum(0), lax.fori_loop(0, problem.steps, step, empty))
-        _, back = jax.vjp(lambda rod, span: restarted(rod, span[0], before, active), rod, span)
-        more, span_more = jax.vmap(back)(restart_bar)
-        total = jax.tree.map(lambda a, b, c: a + b + c, total, rod_bar, more)
-        return total, jax.tree.map(jnp.add, span_bar, span_more)
-
-    vectors = jax.tree.leaves(restart_bar)[0].shape[1]
-    zero = jax.tree.map(lambda leaf: jnp.zeros((vectors, *leaf.shape)), rod)
-    total, spans_bar = lax.scan(segment, zero, (spans, active, previous, stages, stages_bar, restart_bar))
-    spans_bar = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), spans_bar)
-    return jax.tree.map(jnp.add, total, jax.vmap(lambda bar: spans_back(bar)[0])(spans_bar))
+    zero = jax.tree.map(lambda leaf: jnp.zeros((vectors, *leaf.shape)), (rod, span))
+    (rod_bar, span_bar), state_bar = lax.fori_loop(0, problem.steps, step, (zero, state_bar))
+    return rod_bar, span_bar, state_bar
 
 
 def _floats_of_segments(rod: Rod) -> tuple[Array, Array, Array]:
