@@ -78,13 +78,19 @@ def _chunked(*arguments: Array, function: BatchFunction) -> list[Array]:
     count = math.ceil(size / function.chunk)
     if count <= 1:
         return list(function.compute(*arguments))
-    rows = jnp.minimum(jnp.arange(count * (chunk := math.ceil(size / count))), size - 1).reshape(count, chunk)
+    chunk = math.ceil(size / count)
 
-    def one(row: Array) -> list[Array]:
-        taken = [a[..., row] if b else a for a, b in zip(arguments, batched, strict=True)]
-        return list(function.compute(*taken))
+    def one(number: Array, results: list[Array]) -> list[Array]:
+        start = jnp.minimum(number * chunk, size - chunk)  # the last chunk may overlap the one before
+        taken = [
+            lax.dynamic_slice_in_dim(a, start, chunk, -1) if b else a for a, b in zip(arguments, batched, strict=True)
+        ]
+        new = function.compute(*taken)
+        return [lax.dynamic_update_slice_in_dim(r, n, start, -1) for r, n in zip(results, new, strict=True)]
 
-    return [jnp.moveaxis(r, 0, -2).reshape(*r.shape[1:-1], -1)[..., :size] for r in lax.map(one, rows)]
+    shapes = [a.shape[:rank] for a, rank in zip(arguments, function.ranks, strict=True)]
+    empty = [jnp.zeros((*result.shape, size), result.dtype) for result in function.results(*shapes)]
+    return lax.fori_loop(0, count, one, empty)
 
 
 _batched_p = Primitive("batched")

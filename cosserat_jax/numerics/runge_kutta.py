@@ -113,15 +113,20 @@ class Nodes(NamedTuple):
     steps: Int[Array, ""]
 
 
-def dense_output(nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array, "points ..."] | int = 0) -> State:
+AROUND = 7  # nodes that the dense output takes, where there are as many
+
+
+def dense_output(
+    nodes: Nodes, tau: Float[Array, "points ..."], which: Int[Array, "points ..."] | int = 0, around: int = AROUND
+) -> State:
     """The states at tau in [0, 1] of the integrations numbered `which`, the first axis of `nodes`.
 
-    By Hermite's interpolation of thirteenth order in the seven nodes around, or as many as there is room for, the
+    By Hermite's interpolation in the nodes around, seven, for thirteenth order, or as many as there is room for, the
     slope at the last left out. `tau` and `which` may have the batch as last axis or be shared by it.
     """
     count = jnp.max(nodes.steps)
     rows = jax.tree.leaves(nodes.states)[0].shape[1]
-    around = min(_AROUND, rows)
+    around = min(around, rows)
     first = jnp.clip(jnp.floor(tau * count).astype(int) - (around - 1) // 2, 0, count - around + 1)
     middle = (around - 1) / 2
     local = (tau * count - first) / middle - 1  # from -1 to 1 over the nodes
@@ -156,9 +161,6 @@ def _matrix(
     """The matrix that combines rows, for each point those from `start` on."""
     columns = start[:, None] + jnp.arange(len(weights))
     return jnp.zeros((len(start), rows)).at[jnp.arange(len(start))[:, None], columns].set(weights.T)
-
-
-_AROUND = 7  # nodes that the dense output takes, where there are as many
 
 
 @ft.lru_cache

@@ -45,15 +45,17 @@ class Equilibrium(batching.BatchFunction):
         scene = self.structure.scene(leaves)
         coarse, error, newton_tol, max_iterations, min_load_step, grids = (settings[i] for i in range(6))
         given = Settings(coarse, grids, settings[6:], error, newton_tol, max_iterations, min_load_step)
-        found = find(scene, given, self.structure.tableau, self.structure.most, batch)
+        found = find(
+            scene, given, self.structure.tableau, self.structure.most, self.structure.coarse_most, batch
+        )  # fmt: skip
         rod, trajectory = found.rod, found.trajectory
         s = arc_lengths(places, rod.length, batch)
         # the tip is looked at beside the points
         tip_s = jnp.broadcast_to(jnp.asarray(rod.length, float), s.shape[1:])[None]
-        values, margin, defect = along(rod, trajectory, jnp.concatenate([s, tip_s]), batch)
+        values, margin, defect, base = along(rod, trajectory, found.change, jnp.concatenate([s, tip_s]), batch)
         fields, at_tip = values[:, :-1], values[:, -1]
         tip = at_tip[jnp.array([FIELDS.index(name) for name in TIP])]
-        tensions = Unknowns.of(rod).tensions(rod, trajectory.base.shortenings, (batch,))
+        tensions = Unknowns.of(rod).tensions(rod, base.shortenings, (batch,))
 
         outcome, failed_at, condition = outcome_of(
             rod, found.outcome, values[0], margin, defect, found.residual, found.error, error, found.jacobian

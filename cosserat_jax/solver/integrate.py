@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.runge_kutta import Nodes, Tableau, dense_output
+from ..numerics.runge_kutta import AROUND, Nodes, Tableau, dense_output
 from ..numerics.runge_kutta import integrate as integrate_equal_steps
 from ..physics.rod import Rod, RodState, derivative, restarted
 from ..physics.segments import segments_of
@@ -95,9 +95,11 @@ def shoot(rod: Rod, at_tip: RodState, tableau: Tableau, count: Int[Array, ""], m
     return Trajectory(nodes, base)
 
 
-def states_at(rod: Rod, trajectory: Trajectory, s: Float[Array, "points ..."]) -> tuple[RodState, Segment]:
+def states_at(
+    rod: Rod, trajectory: Trajectory, s: Float[Array, "points ..."], around: int = AROUND
+) -> tuple[RodState, Segment]:
     """The states at arc lengths `s` [m] from the base to the tip, and the segment in which each lies, the lower at its
-    end."""
+    end. For `around` see `dense_output`."""
     spans = segments(rod)
     nodes = trajectory.nodes
     places = spans.end[:-1]
@@ -115,4 +117,4 @@ def states_at(rod: Rod, trajectory: Trajectory, s: Float[Array, "points ..."]) -
         return jnp.take_along_axis(values, which[..., None] if which.ndim == 1 else which, axis=0)
 
     here = jax.tree.map(taken, spans)
-    return dense_output(nodes, here.tau(s), which), here
+    return dense_output(nodes, here.tau(s), which, around), here

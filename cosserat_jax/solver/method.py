@@ -16,6 +16,7 @@ from ..scene.quantity import concrete
 
 _MOST_GRIDS = 4  # of single shooting
 _ROOM = 28  # steps that any program of single shooting has room for, so that methods share it
+_COARSE_ROOM = 6  # and on the coarse grid
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
 
 
@@ -36,7 +37,7 @@ class SingleShooting(eqx.Module):
     - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; two to four numbers, at
       least six each.
     - `coarse_steps`: of the grid on which the branch is followed in the load, before it is polished on those of
-      `steps`.
+      `steps`; at least three.
     - `newton_tol`: Newton stops on the coarse grid after a step below this, in radians and lengths; what is left is
       polished on the finer ones.
     - `max_iterations`: Newton steps, over all load steps, before the outcome is `iterations_exhausted`.
@@ -59,8 +60,8 @@ class SingleShooting(eqx.Module):
     def __check_init__(self) -> None:
         if not 2 <= len(self.steps) <= _MOST_GRIDS or self.steps[0] < 6 or list(self.steps) != sorted(set(self.steps)):
             raise ValueError(f"steps must be two to {_MOST_GRIDS} growing numbers from 6 on, but are {self.steps}")
-        if self.coarse_steps < 1:
-            raise ValueError(f"coarse_steps must be at least 1, but is {self.coarse_steps}")
+        if self.coarse_steps < 3:
+            raise ValueError(f"coarse_steps must be at least 3, but is {self.coarse_steps}")
 
     @property
     def settings(self) -> Float[np.ndarray, " settings"]:
@@ -70,9 +71,9 @@ class SingleShooting(eqx.Module):
         return np.array([*numbers, len(self.steps), *grids], float)
 
     @property
-    def room(self) -> int:
-        """The most steps that the compiled program has room for."""
-        return max(_ROOM, self.coarse_steps, *self.steps)
+    def rooms(self) -> tuple[int, int]:
+        """The most steps that the compiled program has room for, and on the coarse grid."""
+        return max(_ROOM, self.coarse_steps, *self.steps), max(_COARSE_ROOM, self.coarse_steps)
 
 
 class MultipleShooting(eqx.Module):

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..numerics import linear_systems
 from ..numerics.runge_kutta import Tableau
-from ..physics.rod import Rod, derivative, restarted
+from ..physics.rod import Rod, RodState, derivative, restarted
 from ..physics.section_laws import ReferenceSection
 from ..physics.segments import active_at
 from ..physics.tendon import pull_at, tangent
@@ -23,17 +23,19 @@ _ACCEPTED_RESIDUAL = 1e-7
 _SINGULAR = 1e5  # norm of the inverse of the clamp's Jacobian from which the arm counts as standing at a limit point
 _FOLDING = 1e-3  # d(volume)/d(beta), 1 at rest and 0 at a fold, below which the constraint counts as folded
 _DEFECT = 1e-6  # of the volume constraint along the arm, from which it is not kept: beyond a fold, or on too few steps
+COARSE_AROUND = 4  # nodes that the dense output of a coarse grid takes
 TIP = ("x", "y", "theta", "nu", "eta", "mu", "beta")
 
 
 class Structure(NamedTuple):
     """What decides which program is compiled: the kind of scene, with the shapes of its floats, the Runge-Kutta method,
-    and the most steps in a segment."""
+    and the most steps in a segment, on the fine and on the coarse grid."""
 
     tree: Any
     ranks: tuple[int, ...]
     tableau: Tableau
     most: int
+    coarse_most: int
 
     def scene(self, leaves: Any) -> Scene:
         """The scene with these floats, [batch] or shared."""
@@ -72,17 +74,25 @@ def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any, felt: Any = No
     return jnp.concatenate([stacked(values, shape), unknowns.tensions(rod, base.shortenings, shape), u])
 
 
-def along(rod: Rod, trajectory: Trajectory, s: Array, batch: int) -> tuple[Array, Array, Array]:
-    """The fields, [fields, points, batch], the margin and the defect of the volume constraint at arc lengths `s`."""
+def along(
+    rod: Rod, trajectory: Trajectory, change: Trajectory, s: Array, batch: int
+) -> tuple[Array, Array, Array, RodState]:
+    """The fields, [fields, points, batch], the margin and the defect of the volume constraint at arc lengths `s`; and
+    the state at the base.
+
+    The integration is corrected by a small `change` of it, made on the coarse grid.
+    """
     state, _ = states_at(rod, trajectory, s)
+    more, _ = states_at(rod, change, s, around=COARSE_AROUND)
+    state, base = jax.tree.map(jnp.add, (state, trajectory.base), (more, change.base))
     s = s if s.ndim == 2 else s[:, None]
     _, section, margin = derivative(rod, s, state, active_at(rod.tendons, s))
-    values = field_values(rod, trajectory.base, s, state, section)
+    values = field_values(rod, base, s, state, section)
     shape = (len(s), batch)
     if rod.is_rigid:
-        return stacked(values, shape), jnp.ones(shape), jnp.zeros(shape)
+        return stacked(values, shape), jnp.ones(shape), jnp.zeros(shape), base
     defect = jnp.abs(volume_defect(section.nu, section.mu, section.beta, section.surface))
-    return stacked(values, shape), jnp.broadcast_to(margin, shape), jnp.broadcast_to(defect, shape)
+    return stacked(values, shape), jnp.broadcast_to(margin, shape), jnp.broadcast_to(defect, shape), base
 
 
 def arc_lengths(places: Float[Array, "points ..."], length: Any, batch: int) -> Array:

@@ -4,7 +4,8 @@ One loop runs one compiled integration from tip to base, again and again; what a
 is followed in the load on a coarse grid (see `continuation`): a pass at the unknowns and one for each of them moved a
 little, whose differences are Newton's Jacobian. (That of the unloaded arm is known.) Then the equilibrium is polished
 on finer grids, with the Jacobian of the coarse one: what changes from one grid to the next shows the error, and the
-first grid whose error is small enough is the last.
+first grid whose error is small enough is the last. Newton's last correction, of 1e-8 or so, is not integrated again:
+the differences on the coarse grid say how it changes the whole arm.
 """
 
 from typing import Any, NamedTuple
@@ -32,10 +33,12 @@ _REACH = 2.0  # radians and lengths by which a prediction moves the tip at most
 _DIFFERENCE = 1e-7  # of an unknown, for the Jacobian
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 _SETTLED = 1e-4  # correction on a finer grid from which on it is as good as the root
-_POLISHED = 1e-12, 1e-10  # correction left in the result, a hundredth of the error asked for within these bounds
+_POLISHED = 1e-12, 1e-10  # what is left in the result, a hundredth of the error asked for within these bounds
 _SURE_ORDER = 4  # at which errors fall with the number of steps; eight where all is smooth, less where a current
 # changes sides along the arm
-_MOST_POLISHES = 16  # passes on the finer grids
+_TINY = 1e-300
+_CONTRACTION = 3e3  # of the corrections on a finer grid, over the first of them: at most 2300 was seen on hard scenes
+_MOST_POLISHES = 10  # passes on the finer grids
 _CONSISTENT = 1e-3  # error of the volume constraint at the base up to which a coarse integration counts
 
 
@@ -58,6 +61,7 @@ class Found(NamedTuple):
     - `jacobian` of the clamp's equation, of lengths over their compliance. `correction` that Newton would still make.
     - `error`: estimated, of the tip [rad, lengths]. `steps` of the last integration, in each segment.
     - `trajectory`: the last integration; where the branch was lost, of the attempt that failed. `rod` at that load.
+    - `change`: how the correction after the last integration changes it.
     """
 
     unknowns: Float[Array, "unknowns batch"]
@@ -69,6 +73,7 @@ class Found(NamedTuple):
     error: Array
     steps: Array
     trajectory: Trajectory
+    change: Trajectory
     rod: Rod
 
 
@@ -90,12 +95,17 @@ class _Loop(NamedTuple):
     taut: Array
     prediction: Array  # of the equilibrium, by the last grid
     estimate: Array
-    correction: Array
+    correction: Array  # and its largest entry
+    size: Array
+    contraction: Array  # of the next one over that
+    is_same_grid: Array  # as in the pass before
     trajectory: Trajectory
+    coarse: Trajectory  # the passes of a round on the coarse grid, one for each column, and room for the others
 
 
-def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: int) -> Found:
-    """The equilibria of the scenes, [batch], without derivatives."""
+def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_room: int, batch: int) -> Found:
+    """The equilibria of the scenes, [batch], without derivatives. The program has room for `most` steps, and for
+    `coarse_room` on the coarse grid."""
     rod = Rod.of(scene)
     unknowns = Unknowns.of(rod)
     shape, n = (batch,), unknowns.size
@@ -177,7 +187,14 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         estimate = jnp.where(counts & ~is_first, estimate, loop.estimate)
         accurate = ~is_first & ~(alive & ~(estimate <= settings.error)).any()
         is_final_grid = accurate | (loop.level >= settings.grids - 1)
-        polished = ~(size > jnp.clip(1e-2 * settings.error, *_POLISHED)).any() | (loop.passes >= _MOST_POLISHES)
+        # of the next correction over this one, and of what a linear change of the arm leaves: measured on one grid,
+        # before that bounded by how far the coarse grid was off
+        guessed = jnp.where(loop.passes == 0, jnp.minimum(_CONTRACTION * size, 1.0), loop.contraction)
+        measured = jnp.minimum(size / jnp.maximum(loop.size, _TINY), 1.0)
+        contraction = jnp.where(loop.is_same_grid, measured, guessed)
+        polished = ~(size * contraction > jnp.clip(1e-2 * settings.error, *_POLISHED)).any() | (
+            loop.passes >= _MOST_POLISHES
+        )
         is_last = loop.is_last | (is_settled & is_final_grid)
         done = is_last & polished
         return loop._replace(
@@ -185,10 +202,13 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
             is_last=is_last,
             passes=loop.passes + 1,
             done=done,
-            unknowns=jnp.where(alive & ~done, loop.unknowns + step, loop.unknowns),
+            unknowns=jnp.where(alive, loop.unknowns + step, loop.unknowns),
             prediction=jnp.where(counts, root, loop.prediction),
             estimate=estimate,
-            correction=_size(step),
+            correction=jnp.where(alive, step, 0.0),
+            size=size,
+            contraction=contraction,
+            is_same_grid=~is_settled | is_last,
             value=value,
             taut=taut,
         )
@@ -205,8 +225,13 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         value, taut, trajectory = evaluate(load, at, count)
         followed = follow(loop, value, trajectory.base, taut)
         polished = polish(loop, value, taut)
+        kept = jax.tree.map(
+            lambda all, one: all.at[jnp.where(is_polish, n + 1, loop.column)].set(one),
+            loop.coarse, _beginning(trajectory, coarse_room),
+        )  # fmt: skip
+        followed, polished = (part._replace(trajectory=None, coarse=None) for part in (followed, polished))
         new = jax.tree.map(lambda a, b: jnp.where(is_polish, a, b), polished, followed)
-        return new._replace(trajectory=trajectory)
+        return new._replace(trajectory=trajectory, coarse=kept)
 
     rest = unknowns.at_rest(rod, shape)
     zero = jnp.zeros(shape)
@@ -222,7 +247,8 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
         is_last=jnp.asarray(False), done=jnp.asarray(False), unknowns=rest, value=nothing, base=at_tip,
         columns=jnp.zeros((outputs, n + 1, *shape)), jacobian=jnp.zeros((outputs, n, *shape)),
         taut=jnp.zeros((len(unknowns.tendons), *shape), bool), prediction=nothing, estimate=zero + jnp.inf,
-        correction=zero, trajectory=_no_trajectory(rod, at_tip, most),
+        correction=jnp.zeros((n, *shape)), size=zero + jnp.inf, contraction=zero + 1, is_same_grid=jnp.asarray(False),
+        trajectory=_no_trajectory(rod, at_tip, most), coarse=_rooms(_no_trajectory(rod, at_tip, coarse_room), n + 2),
     )  # fmt: skip
     loop = lax.while_loop(lambda loop: ~loop.done, one_pass, loop)
     branch = loop.branch
@@ -235,9 +261,9 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, batch: i
     final = unknowns.applied(rod.at_load(jnp.where(alive, 1.0, branch.trial_load)), loop.unknowns)
     return Found(
         unknowns=loop.unknowns, outcome=outcome, load_fraction=branch.load, iterations=branch.iterations,
-        jacobian=branch.jacobian, residual=_size(loop.value[:n]),
-        error=jnp.maximum(loop.estimate, loop.correction), steps=levels[loop.level],
-        trajectory=loop.trajectory, rod=final,
+        jacobian=branch.jacobian, residual=loop.contraction * _size(loop.value[:n]),
+        error=jnp.maximum(loop.estimate, loop.size * loop.contraction), steps=levels[loop.level],
+        trajectory=loop.trajectory, change=_change(loop.coarse, loop.correction), rod=final,
     )  # fmt: skip
 
 
@@ -253,6 +279,30 @@ def _reason(usable: Array, jacobian: Array) -> Any:
     determinant = linear_systems.determinant(jacobian)
     reason = jnp.where(determinant < _NEARLY_SINGULAR, code_of(Outcome.limit_point), code_of(Outcome.ill_conditioned))
     return jnp.where(usable, reason, code_of(Outcome.integration_failed))
+
+
+def _change(coarse: Trajectory, correction: Float[Array, "unknowns batch"]) -> Trajectory:
+    """How a correction of the unknowns changes the integration, from those of a round on the coarse grid."""
+    steps = coarse.nodes.steps[0]
+    coarse = coarse._replace(nodes=coarse.nodes._replace(steps=None))
+    factors = correction / _DIFFERENCE
+
+    def combined(all: Array) -> Array:
+        return sum(((all[1 + j] - all[0]) * factor for j, factor in enumerate(factors)), jnp.zeros_like(all[0]))
+
+    change = jax.tree.map(combined, coarse)
+    return change._replace(nodes=change.nodes._replace(steps=steps))
+
+
+def _beginning(trajectory: Trajectory, steps: int) -> Trajectory:
+    """With room for so many steps."""
+    nodes = trajectory.nodes
+    states, slopes = jax.tree.map(lambda leaf: leaf[:, : steps + 1], (nodes.states, nodes.slopes))
+    return trajectory._replace(nodes=nodes._replace(states=states, slopes=slopes))
+
+
+def _rooms(like: Trajectory, count: int) -> Trajectory:
+    return jax.tree.map(lambda leaf: jnp.zeros((count, *leaf.shape), leaf.dtype), like)
 
 
 def _no_trajectory(rod: Rod, at_tip: RodState, most: int) -> Trajectory:

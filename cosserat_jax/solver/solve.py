@@ -97,7 +97,7 @@ def solve_once(scene: Scene, method: SingleShooting | MultipleShooting, places: 
         return solution_of(multiple_shooting(as_floats(scene), jnp.asarray(places), method))
     leaves, tree = jax.tree.flatten(scene)
     leaves = [leaf if isinstance(leaf, jax.Array) else np.asarray(leaf, float) for leaf in leaves]
-    structure = Structure(tree, tuple(np.ndim(leaf) for leaf in leaves), tableau_of(method.solver), method.room)
+    structure = Structure(tree, tuple(np.ndim(leaf) for leaf in leaves), tableau_of(method.solver), *method.rooms)
     return _jitted(structure, method.settings, places, leaves)
 
 
@@ -116,7 +116,7 @@ def solve_batch(scene: Scene, method: SingleShooting | MultipleShooting, places:
         axes = [0 if np.ndim(leaf) else None for leaf in leaves]
         one = ft.partial(solve_once, method=method, places=places)
         return jax.vmap(lambda leaves: one(jax.tree.unflatten(tree, leaves)), in_axes=(axes,))(leaves)
-    structure = Structure(tree, (0,) * len(leaves), tableau_of(method.solver), method.room)
+    structure = Structure(tree, (0,) * len(leaves), tableau_of(method.solver), *method.rooms)
     if is_traced(scene):
         axes = [0 if np.ndim(leaf) else None for leaf in leaves]
         one = ft.partial(equilibrium, structure, method.settings, places)
