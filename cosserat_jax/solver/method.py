@@ -15,8 +15,7 @@ from ..scene import TCAM
 from ..scene.quantity import concrete
 
 _MOST_GRIDS = 4  # of single shooting
-_ROOM = 28  # steps that any program of single shooting has room for, so that methods share it
-_COARSE_ROOM = 6  # and on the coarse grid
+_COARSE_ROOM = 6  # steps that any program has room for on the coarse grid, so that methods share it
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
 
 
@@ -73,7 +72,7 @@ class SingleShooting(eqx.Module):
     @property
     def rooms(self) -> tuple[int, int]:
         """The most steps that the compiled program has room for, and on the coarse grid."""
-        return max(_ROOM, self.coarse_steps, *self.steps), max(_COARSE_ROOM, self.coarse_steps)
+        return max(self.coarse_steps, *self.steps), max(_COARSE_ROOM, self.coarse_steps)
 
 
 class MultipleShooting(eqx.Module):

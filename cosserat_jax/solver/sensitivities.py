@@ -23,10 +23,10 @@ from jaxtyping import Array, Float
 
 from ..numerics import batching, linear_systems
 from ..numerics.runge_kutta import Nodes, combine, stages_of_step
-from ..physics.rod import Rod, RodState, derivative, felt_at, restarted
-from ..physics.segments import active_at
-from .integrate import Segment, Trajectory, segments, slope_of, states_at
-from .outputs import FIELDS, TIP, Structure, active_at_tip, arc_lengths, field_values, stacked, tip_values
+from ..physics.rod import Rod, RodState, felt_at, restarted
+from .integrate import Segment, segments, slope_of
+from .linear_results import At, fields_backward, fields_forward, tip_backward, tip_forward
+from .outputs import FIELDS, TIP, Structure
 from .unknowns import Unknowns
 
 
@@ -52,28 +52,6 @@ class _Problem(NamedTuple):
     def error(self, rod: Rod, u: Array, base: RodState) -> Array:
         """E."""
         return Unknowns.of(rod).error(rod, base)
-
-    def felt(self, rod: Rod, u: Array, trajectory: Trajectory) -> Any:
-        """What the linearization of `results` takes as known."""
-        if self.part == "tip":
-            active = active_at_tip(rod)
-            state = restarted(rod, rod.length, self.at_tip(rod, u), active)
-            return felt_at(rod, rod.length, state, active, derivative(rod, rod.length, state, active)[1].beta_s)
-        s = arc_lengths(self.places, rod.length, u.shape[-1])
-        state, _ = states_at(rod, trajectory, s)
-        active = active_at(rod.tendons, s)
-        return felt_at(rod, s, state, active, derivative(rod, s, state, active)[1].beta_s)
-
-    def results(self, rod: Rod, u: Array, trajectory: Trajectory, felt: Any) -> Array:
-        """O."""
-        if self.part == "tip":
-            return tip_values(rod, Unknowns.of(rod), u, trajectory.base, felt)
-        batch = u.shape[-1]
-        s = arc_lengths(self.places, rod.length, batch)
-        state, _ = states_at(rod, trajectory, s)
-        _, section, _ = derivative(rod, s, state, active_at(rod.tendons, s), felt)
-        values = field_values(rod, trajectory.base, s, state, section)
-        return stacked(values, (len(s), batch)).reshape(-1, batch)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,14 +134,9 @@ def _pushed_forward(problem: _Problem, leaves: list, u: Array, changes: list) ->
 
     _, error_linear = along(problem.error, rod, u, base)
     d_error = error_linear(d_rod, du, d_base)
-    kept = nodes._replace(steps=None)
-    felt = problem.felt(rod, u, Trajectory(nodes, base))
-
-    def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
-        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base), felt)
-
-    _, results_linear = along(results, rod, u, kept, base)
-    d_results = results_linear(d_rod, du, d_nodes, d_base)
+    at, changes = At(rod, u, nodes, base), At(d_rod, du, d_nodes, d_base)
+    is_tip = problem.part == "tip"
+    d_results = tip_forward(at, changes) if is_tip else fields_forward(at, problem.places, changes)
     by_unknowns = jnp.moveaxis(d_error[:n], 0, 1)
     follow = -linear_systems.solve_columns(by_unknowns, jnp.moveaxis(d_error[n:], 0, 1))  # [unknowns, vectors, batch]
     return d_results[n:] + jnp.einsum("nkb,nrb->krb", follow, d_results[:n])
@@ -226,22 +199,18 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
         return nodes.end, (state, nodes, stages)
 
     base, (before, nodes, stages) = lax.scan(onward, state, (spans, active))
-    felt = problem.felt(rod, u, Trajectory(nodes, base))
-
-    def results(rod: Rod, u: Array, kept: Nodes, base: RodState) -> Array:
-        return problem.results(rod, u, Trajectory(kept._replace(steps=nodes.steps), base), felt)
-
     # those of E, one for each unknown, and behind them those of O go through the integration together
-    _, results_back = jax.vjp(results, rod, u, nodes._replace(steps=None), base)
     _, error_back = jax.vjp(problem.error, rod, u, base)
     unit = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, u.shape[-1]))
     of_error = jax.vmap(error_back)(unit)  # rod, u, base; [n, ...]
-    of_results = jax.vmap(results_back)(cotangents)  # rod, u, nodes, base; [vectors, ...]
-    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), of_error, (of_results[0], of_results[1], of_results[3]))
+    at = At(rod, u, nodes, base)
+    is_tip = problem.part == "tip"
+    of_results = tip_backward(at, cotangents) if is_tip else fields_backward(at, problem.places, cotangents)
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), of_error, (of_results.rod, of_results.u, of_results.base))
     rod_bar, u_bar, base_bar = both
     nodes_bar = None  # the tip's numbers do not ask for nodes
-    if problem.part == "fields":
-        padded = jax.tree.map(lambda leaf: jnp.pad(leaf, ((n, 0), *((0, 0),) * (leaf.ndim - 1))), of_results[2])
+    if of_results.nodes is not None:
+        padded = jax.tree.map(lambda leaf: jnp.pad(leaf, ((n, 0), *((0, 0),) * (leaf.ndim - 1))), of_results.nodes)
         nodes_bar = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), padded)  # segments first
 
     def backward(carry: tuple[RodState, Rod], given: tuple) -> tuple[tuple[RodState, Rod], Any]:

@@ -122,7 +122,8 @@ def solve_batch(scene: Scene, method: SingleShooting | MultipleShooting, places:
         one = ft.partial(equilibrium, structure, method.settings, places)
         return jax.vmap(lambda leaves: solution_of(one(leaves)), in_axes=(axes,))(leaves)
     report = _jitted_batch(structure, method.settings, places, [np.asarray(leaf, float) for leaf in leaves])
-    return solution_of(report, batch_first=lambda values: np.moveaxis(np.asarray(values), -1, 0))
+    # to NumPy as a whole, for JAX copies every row that it takes from an array
+    return solution_of(jax.tree.map(np.asarray, report), batch_first=lambda values: np.moveaxis(values, -1, 0))
 
 
 @ft.partial(jax.jit, static_argnums=0)
