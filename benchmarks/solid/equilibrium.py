@@ -28,7 +28,7 @@ from .mesh import Integers, Mesh, brick_shapes
 from .rod import Rod, rod
 from .sections import Sections
 
-try:  # MKL's solver, faster on large meshes
+try:  # MKL's solver
     from pypardiso import spsolve as pardiso
 except ImportError:
     pardiso = None
@@ -166,9 +166,10 @@ class Solid:
         p[:] = np.linalg.lstsq(self.bricks.reference[2], bent(points)[1].reshape(-1, 27).T)[0].T
         return unknowns
 
-    def solve(self, start: Rod | None = None, iterations: int = 20, tolerance: float = 1e-9) -> Bent:
+    def solve(self, start: Rod | None = None, iterations: int = 20, tolerance: float = 1e-7) -> Bent:
         """The equilibrium near the rod `start` (None: the incompressible one under the same loads), by Newton's method
-        until a step moves no node by more than `tolerance` lengths. Raises where that is not reached."""
+        until a step moves no node by more than `tolerance` lengths: what is left is of the order of its square. Raises
+        where that is not reached."""
         mesh = self.mesh
         unknowns = self.from_rod(rod(mesh.arm, self.loads) if start is None else start)
         step = np.inf
