@@ -46,9 +46,11 @@ class Bricks:
         residual[:, :81] = np.einsum("eqij,eqnj,eq->eni", piola, gradient, weights, optimize=True).reshape(count, 81)
         gap = (volume - 1 - self.rubber.compliance * pressure) * weights
         residual[:, 81:] = gap @ shapes
+        # dP_iJ / du_bk at each point, then with N_a,J summed over points and J
         half = np.einsum("eqiJkL,eqbL,eq->eiqJbk", slope, gradient, weights, optimize=True).reshape(count, 3, 81, 81)
         rows = np.moveaxis(gradient, 2, 1).reshape(count, 1, 27, 81)
         matrix[:, :81, :81] = np.swapaxes(rows @ half, 1, 2).reshape(count, 81, 81)
+        # dP_iJ / dp = cof F_iJ, whose transpose is d(J - 1) / dF
         mixed = np.einsum("eqij,eqnj,eq,qm->enim", cofactor, gradient, weights, shapes, optimize=True)
         matrix[:, :81, 81:] = mixed.reshape(count, 81, 4)
         matrix[:, 81:, :81] = np.swapaxes(matrix[:, :81, 81:], 1, 2)
