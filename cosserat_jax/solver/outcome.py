@@ -48,6 +48,10 @@ class ResponseOutcome(eqx.Enumeration):
         "these constants make no coil: its angle has a cosine outside 0 to 1; check fiber_length, turns, fiber_radius, "
         "the two moduli and coiling_mass"
     )
+    voltage_not_resolved = (
+        "the voltage, a function of time, has features too short to be seen between two instants; give its "
+        "longest_step, or use Pulses, Step or Sampled, which know their jumps"
+    )
     integration_failed = (
         "the integration in time did not finish; raise max_steps, loosen rtol and atol, or use an implicit solver such "
         "as diffrax.Kvaerno5()"
