@@ -17,7 +17,7 @@ from conversion import plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cosserat_jax import Pulses, SceneError, fit, load, read_measurements, replace, solve, tcam_response
+from cosserat_jax import InputError, Pulses, fit, load, read_measurements, replace, solve, tcam_response
 from cosserat_jax.study.problem import LOSSES
 from cosserat_jax.study.uncertainty import not_told_apart, uncertainty
 
@@ -224,7 +224,7 @@ BAD = [
 
 @pytest.mark.parametrize(("data", "free", "line"), BAD)
 def test_bad_input_is_one_line(data, free, line):
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(InputError) as error:
         fit(load("octopus"), data, free)
     assert line in str(error.value)
     assert "\n" not in str(error.value)

@@ -14,11 +14,11 @@ from conversion import scene_of
 
 from cosserat_jax import (
     Arm,
+    InputError,
     MultipleShooting,
     Muscle,
     Outcome,
     Scene,
-    SceneError,
     SectionStiffness,
     SingleShooting,
     Tip,
@@ -185,14 +185,14 @@ def test_a_contraction_beside_a_tension_or_a_coil_is_refused():
         ({"contraction": 0.01, "tcam": coil}, r"muscles\.0\.contraction: given beside muscles\.0\.tcam; allowed"),
         ({"contraction": math.nan}, r"muscles\.0\.contraction: nan is not allowed"),
     ):
-        with pytest.raises(SceneError, match=named):
+        with pytest.raises(InputError, match=named):
             Scene(OCTOPUS.arm, (Muscle(**where, **given),))
 
 
 def test_contraction_takes_the_place_of_tension_and_reads_back(tmp_path):
     assert WOUND.muscles[0].tension is None
     assert replace(WOUND, {"muscles.0.tension": "20 N"}) == OCTOPUS
-    with pytest.raises(SceneError, match="given beside"):
+    with pytest.raises(InputError, match="given beside"):
         replace(OCTOPUS, {"muscles.0.tension": "20 N", "muscles.0.contraction": "5 mm"})
     path = tmp_path / "wound.toml"
     path.write_text(dumps(WOUND))

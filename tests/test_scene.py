@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from cosserat_jax import Arm, Muscle, Scene, SceneError, dumps, load, parameters, presets, replace, solve, sweep
+from cosserat_jax import Arm, InputError, Muscle, Scene, dumps, load, parameters, presets, replace, solve, sweep
 from cosserat_jax.scene import range_to_si, read, to_si
 
 
@@ -81,23 +81,23 @@ def test_replace_changes_only_what_is_named():
     ],
 )
 def test_a_value_that_is_not_allowed_is_named_with_what_is(values, said):
-    with pytest.raises(SceneError, match=f"^{next(iter(values))}: .*{said}") as caught:
+    with pytest.raises(InputError, match=f"^{next(iter(values))}: .*{said}") as caught:
         replace(load("octopus"), values)
     assert "\n" not in str(caught.value)
 
 
 def test_python_scenes_are_checked_too():
     arm = Arm(length=0.4, base_radius=0.01, tip_radius=0.005, density=1100.0, youngs_modulus=1e6, poisson_ratio=0.5)
-    with pytest.raises(SceneError, match=r"muscles\.0\.side"):
+    with pytest.raises(InputError, match=r"muscles\.0\.side"):
         Scene(arm, muscles=(Muscle(base_offset=0.005, end_offset=0.001, tension=1.0, side=2),))
-    with pytest.raises(SceneError, match=r"arm\.youngs_modulus: missing"):
+    with pytest.raises(InputError, match=r"arm\.youngs_modulus: missing"):
         Scene(dataclasses.replace(arm, youngs_modulus=None))
 
 
 def test_a_sweep_checks_every_rod_before_it_solves_one():
-    with pytest.raises(SceneError, match=r"arm\.tip_radius: -0\.001 is not allowed"):
+    with pytest.raises(InputError, match=r"arm\.tip_radius: -0\.001 is not allowed"):
         sweep(load("octopus"), {"arm.tip_radius": [0.004, -0.001]})
-    with pytest.raises(SceneError, match="cannot be swept"):
+    with pytest.raises(InputError, match="cannot be swept"):
         sweep(load("octopus"), {"arm.cross_section": [1.0]})
 
 

@@ -15,11 +15,11 @@ from scipy.optimize import brentq
 
 from cosserat_jax import (
     TCAM,
+    InputError,
     LinearConductance,
     Pulses,
     ResponseOutcome,
     Sampled,
-    SceneError,
     Sinusoid,
     Step,
     TCAMState,
@@ -356,7 +356,7 @@ def test_an_integration_that_does_not_finish_says_so_and_is_not_tried_again_in_l
     ],
 )
 def test_constants_and_times_that_are_not_allowed_are_named(tcam, times, said):
-    with pytest.raises(SceneError, match=said.replace("'", ".")):
+    with pytest.raises(InputError, match=said.replace("'", ".")):
         tcam_response(TCAM(**tcam), times)
 
 

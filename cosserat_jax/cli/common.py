@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import OutputError, SceneError
+from ..errors import InputError, one_line
 from ..report.writing import figure_place, output_place
 from .process import prepare
 
@@ -72,16 +72,16 @@ class Stopped(click.ClickException):
 
 def say(message: str) -> None:
     """One line on stderr."""
-    click.echo("cosserat-jax: " + " ".join(message.splitlines()), err=True)
+    click.echo(f"cosserat-jax: {one_line(message)}", err=True)
 
 
 @contextlib.contextmanager
 def about(where: str) -> Iterator[None]:
-    """Puts `where` in front of what a `SceneError` says."""
+    """Puts `where` in front of what a `InputError` says."""
     try:
         yield
-    except SceneError as error:
-        raise SceneError(f"{where}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
@@ -90,9 +90,9 @@ def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
     for text in texts:
         path, equals, value = text.partition("=")
         if not equals:
-            raise SceneError(f"{option} {text!r} is not allowed; allowed: {option} PATH=VALUE")
+            raise InputError(f"{option} {text!r} is not allowed; allowed: {option} PATH=VALUE")
         if path.strip() in found:
-            raise SceneError(f"{option} {text!r}: {path.strip()} is given twice; allowed: once")
+            raise InputError(f"{option} {text!r}: {path.strip()} is given twice; allowed: once")
         found[path.strip()] = value.strip()
     return found
 
@@ -116,7 +116,7 @@ def free_bounds(
     for text in texts:
         path, equals, bounds = (part.strip() for part in text.partition("="))
         if path in found:
-            raise SceneError(f"--free {text!r}: {path} is given twice; allowed: once")
+            raise InputError(f"--free {text!r}: {path} is given twice; allowed: once")
         found[path] = bounds_to_si(bounds, unit(scene, path), f"--free {path}") if equals else None
     return found
 
@@ -124,10 +124,10 @@ def free_bounds(
 def data_and_figure(out: str | None, plot: str | None, more: Collection[str] = ()) -> tuple[Path | None, Path | None]:
     """The places of --out, netCDF, and of --plot, a figure or a file with one of `more` suffixes; None: not asked for.
 
-    Raises `OutputError` where it is plain that one of them cannot be written.
+    Raises `InputError` where it is plain that one of them cannot be written.
     """
     if out is not None and plot is not None and Path(out).resolve() == Path(plot).resolve():
-        raise OutputError(f"--out and --plot are both {out!r}; allowed: two files")
+        raise InputError(f"--out and --plot are both {out!r}; allowed: two files")
     data = None if out is None else output_place("--out", out, [".nc"])
     return data, None if plot is None else figure_place("--plot", plot, more)
 

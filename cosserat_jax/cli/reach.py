@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import SceneError
+from ..errors import InputError
 from ..report.writing import figure_place, save_figure
 from .common import (
     WithFree,
@@ -89,7 +89,7 @@ def _point(text: str) -> "np.ndarray":
 
     point = np.zeros(0) if ":" in text else range_to_si(text, "m", "--target")
     if point.shape != (2,) or not np.isfinite(point).all():
-        raise SceneError(f'--target: {text!r} is not a point; allowed: "X, Y UNIT", such as "0.3, 0.1 m"')
+        raise InputError(f'--target: {text!r} is not a point; allowed: "X, Y UNIT", such as "0.3, 0.1 m"')
     return point
 
 
@@ -98,5 +98,5 @@ def _place(text: str, length: float) -> float:
 
     place = to_si(text, "m", "--at")
     if not 0 < place <= length or math.isnan(place):
-        raise SceneError(f"--at: {text!r} is not on the arm; allowed: more than 0 to {length:g} [m]")
+        raise InputError(f"--at: {text!r} is not on the arm; allowed: more than 0 to {length:g} [m]")
     return place

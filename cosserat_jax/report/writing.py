@@ -6,29 +6,29 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import OutputError
+from ..errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def output_place(option: str, file: str, suffixes: Collection[str]) -> Path:
-    """The place that `file` names, links followed. Raises `OutputError` where it is plain that it cannot be written."""
+    """The place that `file` names, links followed. Raises `InputError` where it is plain that it cannot be written."""
     where, place = f"{option} {file!r}", Path(os.path.realpath(file))
     if Path(file).suffix.lower() not in suffixes:
-        raise OutputError(f"{where}: not a name for this output; allowed: a name that ends in {', '.join(suffixes)}")
+        raise InputError(f"{where}: not a name for this output; allowed: a name that ends in {', '.join(suffixes)}")
     if not place.parent.is_dir():
-        raise OutputError(f"{where}: cannot be written: there is no folder {str(place.parent)!r}")
+        raise InputError(f"{where}: cannot be written: there is no folder {str(place.parent)!r}")
     if place.is_dir():
-        raise OutputError(f"{where}: cannot be written: it is a folder; allowed: a file")
+        raise InputError(f"{where}: cannot be written: it is a folder; allowed: a file")
     if not os.access(place.parent, os.W_OK | os.X_OK):
-        raise OutputError(f"{where}: cannot be written: no permission to write in {str(place.parent)!r}")
+        raise InputError(f"{where}: cannot be written: no permission to write in {str(place.parent)!r}")
     try:
         os.lstat(_beside(place))  # finds a name that is too long for the file system
     except FileNotFoundError:
         pass
     except OSError as error:
-        raise OutputError(f"{where}: cannot be written: {error.strerror}") from None
+        raise InputError(f"{where}: cannot be written: {error.strerror}") from None
     return place
 
 
@@ -44,12 +44,12 @@ def figure_place(option: str, file: str, more: Collection[str] = ()) -> Path:
 def batches_place(data: Path) -> Path:
     """The folder beside the output `data` that keeps the batches of a sweep while it runs.
 
-    Raises `OutputError` if something there is not such a folder: it is the user's and must not be emptied.
+    Raises `InputError` if something there is not such a folder: it is the user's and must not be emptied.
     """
     folder = data.with_name(f"{data.name}.partial")
     if not folder.exists() or (folder / "identity").is_file() or (folder.is_dir() and not any(folder.iterdir())):
         return folder
-    raise OutputError(f"{folder}: in the way, and not the batches of an unfinished sweep; move it elsewhere")
+    raise InputError(f"{folder}: in the way, and not the batches of an unfinished sweep; move it elsewhere")
 
 
 def save_figure(figure: "Figure", place: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..errors import SceneError, nearest
+from ..errors import InputError, nearest
 from .parts import Scene
 from .paths import lookup
 from .quantity import Choice, Count, Function, Quantity, Series, declaration
@@ -30,7 +30,7 @@ class SceneFile(NamedTuple):
 def load(name: str | os.PathLike[str]) -> Scene:
     """The scene of a TOML file, or of a preset named by a bare word ("octopus").
 
-    Raises `SceneError` with one line that names file, path, the value given and what is allowed.
+    Raises `InputError` with one line that names file, path, the value given and what is allowed.
     """
     return read(name).scene
 
@@ -44,9 +44,9 @@ def read(name: str | os.PathLike[str]) -> SceneFile:
         scene = _build(Scene, table, "")
         return SceneFile(source, _checked_title(title), scene, _build_sweep(scene, sweep))
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{source}: not a TOML file: {error}") from None
-    except SceneError as error:
-        raise SceneError(f"{source}: {error}") from None
+        raise InputError(f"{source}: not a TOML file: {error}") from None
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
 
 
 def presets() -> tuple[str, ...]:
@@ -58,7 +58,7 @@ def presets() -> tuple[str, ...]:
 def dumps(scene: Scene) -> str:
     """`scene` as the text of a scene file, in SI, that `load` reads back to the same numbers.
 
-    Raises `SceneError` for a voltage or a law that is a Python function.
+    Raises `InputError` for a voltage or a law that is a Python function.
     """
     lines: list[str] = []
     _write_table(scene, "", lines)
@@ -73,14 +73,14 @@ def _text(source: str) -> str:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         hint = "" if path.suffix else f" or preset; {nearest(source, list(presets()))}"
-        raise SceneError(f"no such file{hint}") from None
+        raise InputError(f"no such file{hint}") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"cannot be read: {getattr(error, 'strerror', None) or 'not a text file'}") from None
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or 'not a text file'}") from None
 
 
 def _checked_title(title: Any) -> str:
     if not isinstance(title, str):
-        raise SceneError(f"title: {title!r} is not allowed; allowed: a string")
+        raise InputError(f"title: {title!r} is not allowed; allowed: a string")
     return title
 
 
@@ -88,19 +88,19 @@ def _build(kind: type[eqx.Module], table: Any, prefix: str) -> Any:
     """A module of `kind` from a TOML table whose keys are its fields."""
     where = prefix.rstrip(".")
     if not isinstance(table, dict):
-        raise SceneError(f"{where}: {table!r} is not allowed; allowed: a table [{where}]")
+        raise InputError(f"{where}: {table!r} is not allowed; allowed: a table [{where}]")
     fields = {field.name: field for field in dataclasses.fields(kind)}
     known = [*fields, "title", "sweep"] if kind is Scene else list(fields)
     for key in table:
         if key not in fields:
-            raise SceneError(f"{prefix}{key}: unknown key; {nearest(key, known)}")
+            raise InputError(f"{prefix}{key}: unknown key; {nearest(key, known)}")
     hints = typing.get_type_hints(kind)
     values = {}
     for key, field in fields.items():
         if key in table:
             values[key] = _value(field, hints[key], table[key], f"{prefix}{key}")
         elif field.default is dataclasses.MISSING:
-            raise SceneError(f"{prefix}{key}: missing; it has no default")
+            raise InputError(f"{prefix}{key}: missing; it has no default")
     if values.get("velocity_gradient") == 0:
         del values["velocity_gradient"]  # a current that does not change with height is the uniform one
     return kind(**values)
@@ -109,16 +109,16 @@ def _build(kind: type[eqx.Module], table: Any, prefix: str) -> Any:
 def _value(field: dataclasses.Field, hint: Any, given: Any, path: str) -> Any:
     rule, kinds = declaration(field), field.metadata.get("kinds")
     if isinstance(rule, Function):
-        raise SceneError(f"{path}: a function cannot be given in a file; allowed: give it in Python")
+        raise InputError(f"{path}: a function cannot be given in a file; allowed: give it in Python")
     if isinstance(rule, Count):
         return given
     if isinstance(rule, Choice):
         if given not in rule.values or isinstance(given, bool) != isinstance(rule.values[0], bool):
-            raise SceneError(f"{path}: {given!r} is not allowed; allowed: {rule}")
+            raise InputError(f"{path}: {given!r} is not allowed; allowed: {rule}")
         return rule.values[rule.values.index(given)]
     if isinstance(rule, Quantity) and rule.components > 1:
         if not isinstance(given, list) or len(given) != rule.components:
-            raise SceneError(
+            raise InputError(
                 f"{path}: {given!r} is not allowed; allowed: a list of {rule.components} quantities in {rule.unit}"
             )
         return tuple(to_si(item, rule.unit, f"{path}.{i}") for i, item in enumerate(given))
@@ -132,22 +132,22 @@ def _value(field: dataclasses.Field, hint: Any, given: Any, path: str) -> Any:
     if typing.get_origin(hint) is not tuple:
         return _build(kind, given, f"{path}.")
     if not isinstance(given, list):
-        raise SceneError(f"{path}: {given!r} is not allowed; allowed: tables [[{path}]]")
+        raise InputError(f"{path}: {given!r} is not allowed; allowed: tables [[{path}]]")
     return tuple(_build(kind, item, f"{path}.{i}.") for i, item in enumerate(given))
 
 
 def _build_kind(kinds: dict[str, type], given: Any, path: str) -> Any:
     if not isinstance(given, dict):
-        raise SceneError(f"{path}: {given!r} is not allowed; allowed: a table [{path}]")
+        raise InputError(f"{path}: {given!r} is not allowed; allowed: a table [{path}]")
     name = given.get("kind", next(iter(kinds)))
     if not isinstance(name, str) or name not in kinds:
-        raise SceneError(f"{path}.kind: {name!r} is not allowed; allowed: {' or '.join(map(repr, kinds))}")
+        raise InputError(f"{path}.kind: {name!r} is not allowed; allowed: {' or '.join(map(repr, kinds))}")
     return _build(kinds[name], {key: value for key, value in given.items() if key != "kind"}, f"{path}.")
 
 
 def _build_sweep(scene: Scene, table: Any) -> dict[str, np.ndarray]:
     if not isinstance(table, dict):
-        raise SceneError(f"sweep: {table!r} is not allowed; allowed: a table [sweep]")
+        raise InputError(f"sweep: {table!r} is not allowed; allowed: a table [sweep]")
     return {path: sweep_values(scene, path, text) for path, text in table.items()}
 
 
@@ -155,7 +155,7 @@ def sweep_values(scene: Scene, path: str, text: Any) -> np.ndarray:
     """The SI values of "START:STOP:STEP UNIT" or "V1, V2 UNIT" for the parameter at `path` of `scene`."""
     _, rule = lookup(scene, path)
     if not isinstance(rule, Quantity) or rule.components > 1:
-        raise SceneError(f"{path}: cannot be swept; allowed: a parameter that is one number")
+        raise InputError(f"{path}: cannot be swept; allowed: a parameter that is one number")
     return range_to_si(str(text), rule.unit, path)
 
 
@@ -168,7 +168,7 @@ def _write_table(part: Any, prefix: str, lines: list[str]) -> None:
         if rule is None:
             nested.append((field, value))
         elif isinstance(rule, Function):
-            raise SceneError(f"{prefix}{field.name}: an object of Python has no text; leave it out of the scene")
+            raise InputError(f"{prefix}{field.name}: an object of Python has no text; leave it out of the scene")
         elif isinstance(rule, Series):
             lines.append(f"{field.name} = [{', '.join(_literal(item) for item in value)}]  # {rule.unit}")
         elif isinstance(rule, Choice | Count):
@@ -189,7 +189,7 @@ def _write_table(part: Any, prefix: str, lines: list[str]) -> None:
 def _kinds_of(item: Any, kinds: dict[str, type], path: str) -> list[str]:
     found = [name for name, kind in kinds.items() if type(item) is kind]
     if not found:
-        raise SceneError(f"{path}: a Python function has no text")
+        raise InputError(f"{path}: a Python function has no text")
     return found
 
 

@@ -132,7 +132,7 @@ class Tip(eqx.Module):
 
 
 class Scene(eqx.Module):
-    """An arm, its muscles, and the loads on it. Raises `SceneError` where a value that can be looked at is not allowed.
+    """An arm, its muscles, and the loads on it. Raises `InputError` where a value that can be looked at is not allowed.
 
     `water` None is an arm in air, `gravity` None a weightless one, `tip` None a free tip. `loads` are distributed loads
     of your own, each an `AbstractLoad`.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError
+from ..errors import InputError
 
 _LONGEST_RANGE = 1_000_000
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -28,9 +28,9 @@ def _registry() -> Any:
 
 
 def to_si(value: Any, unit: str, where: str) -> float:
-    """`value`, a number in SI or a string with a unit, as a float in SI `unit`. Raises `SceneError` naming `where`."""
+    """`value`, a number in SI or a string with a unit, as a float in SI `unit`. Raises `InputError` naming `where`."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise SceneError(f'{where}: {value!r} is not a quantity; allowed: a number in SI or a string like "1 {unit}"')
+        raise InputError(f'{where}: {value!r} is not a quantity; allowed: a number in SI or a string like "1 {unit}"')
     if not isinstance(value, str):
         return float(value)
     try:
@@ -44,7 +44,7 @@ def series_to_si(given: Any, unit: str, where: str) -> np.ndarray:
     if isinstance(given, str):
         return range_to_si(given, unit, where)
     if not isinstance(given, list):
-        raise SceneError(f'{where}: {given!r} is not allowed; allowed: a list of quantities, or "V1, V2 {unit}"')
+        raise InputError(f'{where}: {given!r} is not allowed; allowed: a list of quantities, or "V1, V2 {unit}"')
     return np.array([to_si(item, unit, f"{where}.{i}") for i, item in enumerate(given)], dtype=float)
 
 
@@ -52,12 +52,12 @@ def range_to_si(text: str, unit: str, where: str) -> np.ndarray:
     """The values of "START:STOP:STEP UNIT" (STOP included) or "V1, V2, ... UNIT" in SI `unit`, of shape (n,)."""
     matched = re.fullmatch(rf"\s*({_NUMBER}(?:\s*[:,]\s*{_NUMBER})*)\s*(.*)", text, re.DOTALL)
     if matched is None:
-        raise SceneError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
+        raise InputError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
     numbers, given_unit = matched.groups()
     if ":" not in numbers:
         values = np.array([float(x) for x in numbers.split(",")])
     elif "," in numbers or numbers.count(":") != 2:
-        raise SceneError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
+        raise InputError(f'{where}: {text!r} is not a range; allowed: "START:STOP:STEP {unit}" or "V1, V2 {unit}"')
     else:
         start, stop, step = (float(x) for x in numbers.split(":"))
         values = _stepped(start, stop, step, text, where)
@@ -72,29 +72,29 @@ def bounds_to_si(text: str, unit: str, where: str) -> tuple[float, float]:
     """The two values of "LOWER:UPPER UNIT" in SI `unit`."""
     matched = re.fullmatch(rf"\s*({_NUMBER})\s*:\s*({_NUMBER})\s*([^\s:,].*)?", text, re.DOTALL)
     if matched is None:
-        raise SceneError(f'{where}: {text!r} are no bounds; allowed: "LOWER:UPPER {unit}"')
+        raise InputError(f'{where}: {text!r} are no bounds; allowed: "LOWER:UPPER {unit}"')
     lower, upper = range_to_si(f"{matched[1]}, {matched[2]} {matched[3] or ''}", unit, where)
     return float(lower), float(upper)
 
 
 def _stepped(start: float, stop: float, step: float, text: str, where: str) -> np.ndarray:
     if step == 0 or (stop - start) / step < 0:
-        raise SceneError(f"{where}: {text!r} never reaches its end; allowed: a step that leads from START to STOP")
+        raise InputError(f"{where}: {text!r} never reaches its end; allowed: a step that leads from START to STOP")
     count = int(np.floor((stop - start) / step * (1 + 1e-12) + 1e-9)) + 1
     if count > _LONGEST_RANGE:
-        raise SceneError(f"{where}: {text!r} has {count} values; allowed: at most {_LONGEST_RANGE}")
+        raise InputError(f"{where}: {text!r} has {count} values; allowed: at most {_LONGEST_RANGE}")
     return start + step * np.arange(count)
 
 
 def _parse(text: str, unit: str, where: str) -> Any:
     number = re.match(rf"\s*({_NUMBER}|[-+]?(?:inf|nan)\b)\s*", text)
     if number is None:
-        raise SceneError(f"{where}: {text!r} is not a quantity in {unit}; allowed: a number and a unit")
+        raise InputError(f"{where}: {text!r} is not a quantity in {unit}; allowed: a number and a unit")
     try:  # the two apart: pint takes "98 degC" for a product with degC, which has no meaning
         return _registry().Quantity(float(number[1]), text[number.end() :])
     except Exception as error:  # pint raises a dozen kinds, from its tokenizer's to its own
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise SceneError(f"{where}: {text!r} is not a quantity in {unit} ({reason})") from None
+        raise InputError(f"{where}: {text!r} is not a quantity in {unit} ({reason})") from None
 
 
 def _convert(quantity: Any, text: str, unit: str, where: str) -> float:
@@ -102,5 +102,5 @@ def _convert(quantity: Any, text: str, unit: str, where: str) -> float:
         converted = float(quantity.to("dimensionless" if unit == "1" else unit).magnitude)
     except Exception:  # a wrong dimension, or a magnitude that is no number
         kind = "a number without a unit" if unit == "1" else f"a quantity in {unit}"
-        raise SceneError(f"{where}: {text!r} has the wrong unit; allowed: {kind}") from None
+        raise InputError(f"{where}: {text!r} has the wrong unit; allowed: {kind}") from None
     return float(f"{converted:.15g}")  # 0.998 kg/dm^3 is 998 kg/m^3, not 997.9999999999999

@@ -34,7 +34,7 @@ from ..physics.tcam import (
     state_rate,
     tension_gain,
 )
-from ..scene import TCAM, AbstractVoltage, SceneError, Sinusoid, VoltageFunction, validate_tcam
+from ..scene import TCAM, AbstractVoltage, InputError, Sinusoid, VoltageFunction, validate_tcam
 from ..scene.quantity import as_floats, concrete
 from .method import TimeStepping, error_norm
 from .outcome import ResponseOutcome
@@ -83,7 +83,7 @@ def tcam_response(
     It starts from `initial`, by default at ambient temperature and at rest. `method` is by default
     `TimeStepping.suited_to(tcam)`. Works under `jit`, `vmap`, `grad` and `jacfwd`, with respect to every float of
     `tcam`, the times and the initial state. Does not raise for what comes of it: see `Response.outcome`. Raises
-    `SceneError` for a constant or times that are not allowed.
+    `InputError` for a constant or times that are not allowed.
     """
     validate_tcam(tcam)
     _check_times(times)
@@ -93,12 +93,12 @@ def tcam_response(
 
 
 def _check_times(times: ArrayLike) -> None:
-    """Raises `SceneError` unless `times` are instants from 0 on in ascending order; traced ones pass."""
+    """Raises `InputError` unless `times` are instants from 0 on in ascending order; traced ones pass."""
     seconds = concrete(times)
     if np.ndim(times) != 1 or np.size(times) == 0:
-        raise SceneError(f"times: an array of shape {np.shape(times)}; allowed: one axis, not empty")
+        raise InputError(f"times: an array of shape {np.shape(times)}; allowed: one axis, not empty")
     if seconds is not None and not (np.isfinite(seconds).all() and (np.diff(seconds, prepend=0.0) >= 0).all()):
-        raise SceneError("times: not in order; allowed: finite numbers [s], from 0 on, ascending")
+        raise InputError("times: not in order; allowed: finite numbers [s], from 0 on, ascending")
 
 
 @eqx.filter_jit

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scene import SceneError
+from ..scene import InputError
 
 
 class Checkpoint:
     """A folder with one file per finished batch, and the identity of the sweep they belong to.
 
-    Raises `SceneError` for a folder that holds anything else. A file is written beside its place and moved in whole, so
+    Raises `InputError` for a folder that holds anything else. A file is written beside its place and moved in whole, so
     a sweep that is stopped leaves no half batch.
     """
 
@@ -21,7 +21,7 @@ class Checkpoint:
         if name.is_file() and name.read_text() == identity:
             return
         if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-            raise SceneError(
+            raise InputError(
                 f"{folder}: holds something other than this sweep's batches; remove it or name another folder"
             )
         folder.mkdir(parents=True, exist_ok=True)

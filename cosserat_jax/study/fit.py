@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from ..scene import Scene, SceneError
+from ..scene import InputError, Scene
 from ..solver import Method
 from ..solver.method import MultipleShooting, methods_of
 from .calibration import Calibration
@@ -55,7 +55,7 @@ def fit(
     - `method`: as in `solve`. None tries single shooting, and multiple shooting where rods stay without equilibrium.
 
     A row whose rod has no equilibrium on the way counts as a misfit of ten lengths of the arm, so the search turns
-    back; it never meets NaN. Raises `SceneError` for data, paths, bounds or options that are not allowed. For the
+    back; it never meets NaN. Raises `InputError` for data, paths, bounds or options that are not allowed. For the
     rest see `Calibration.converged`, `message` and `warnings`.
     """
     tables = data if isinstance(data, list | tuple) else [data]
@@ -90,16 +90,16 @@ def _check_options(
     for table in measured:
         for one in free:
             if one.path in table.inputs:
-                raise SceneError(f"{one.path}: is a column of {table.name}; allowed: free, or given by the data")
+                raise InputError(f"{one.path}: is a column of {table.name}; allowed: free, or given by the data")
         if table.markers and "arm.length" in {*table.inputs, *(one.path for one in free)}:
-            raise SceneError("arm.length: changes, and with it where the markers are; allowed: a length that stays")
+            raise InputError("arm.length: changes, and with it where the markers are; allowed: a length that stays")
     if len({table.sigma is None for table in measured}) > 1:
-        raise SceneError("sigma: missing in some of the tables; allowed: in all of them, or in none")
+        raise InputError("sigma: missing in some of the tables; allowed: in all of them, or in none")
     if isinstance(loss, str) and loss not in LOSSES:
-        raise SceneError(f"loss: {loss!r} is not allowed; allowed: {', '.join(LOSSES)}, or a function of the misfits")
+        raise InputError(f"loss: {loss!r} is not allowed; allowed: {', '.join(LOSSES)}, or a function of the misfits")
     if not isinstance(loss, str) and optimiser is None:
-        raise SceneError("loss: a function asks for an optimiser; allowed: optimiser=optax.adam(1e-2), or a name")
+        raise InputError("loss: a function asks for an optimiser; allowed: optimiser=optax.adam(1e-2), or a name")
     if loss != "linear" and isinstance(loss, str) and measured[0].sigma is None:
-        raise SceneError(f"loss: {loss!r} weighs misfits by their sigma, which is missing; allowed: give sigma")
+        raise InputError(f"loss: {loss!r} weighs misfits by their sigma, which is missing; allowed: give sigma")
     if starts < 1:
-        raise SceneError(f"starts: {starts} is not allowed; allowed: at least 1")
+        raise InputError(f"starts: {starts} is not allowed; allowed: at least 1")

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import SceneError, nearest
+from ..errors import InputError, nearest
 from ..scene import Quantity, Scene, lookup, replace, to_si
 
 _POSE_UNITS = {"x": "m", "y": "m", "theta": "rad"}
@@ -69,15 +69,15 @@ def read_measurements(scene: Scene, data: Any, sigma: Mapping[str, Any] | float 
       coordinates are named by paths and have `units`; or `Measurements`, which are given back.
     - `sigma`: standard errors that have no column: {name: value}, or one for all, in SI or with a unit.
 
-    Raises `SceneError` for a table that cannot be read, or that does not fit the scene: where, what, what is allowed.
+    Raises `InputError` for a table that cannot be read, or that does not fit the scene: where, what, what is allowed.
     """
     if isinstance(data, Measurements):
         return data
     name, columns = _columns(data)
     try:
         return _measurements(scene, name, columns, sigma)
-    except SceneError as error:
-        raise SceneError(f"{name}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def _columns(data: Any) -> tuple[str, dict[str, Any]]:
@@ -94,7 +94,7 @@ def _columns(data: Any) -> tuple[str, dict[str, Any]]:
         return "data", {str(name): data[name].to_numpy() for name in data.columns}
     if isinstance(data, Mapping):
         return "data", dict(data)
-    raise SceneError(
+    raise InputError(
         f"data: {type(data).__name__} is not allowed; allowed: a CSV file, a mapping of columns, a DataFrame, a Dataset"
     )
 
@@ -103,21 +103,21 @@ def _read_csv(path: Path) -> dict[str, Any]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise SceneError(f"{path}: no such file; allowed: a CSV file") from None
+        raise InputError(f"{path}: no such file; allowed: a CSV file") from None
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise SceneError(f"{path}: cannot be read: {reason}") from None
+        raise InputError(f"{path}: cannot be read: {reason}") from None
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if len(lines) < 2:
-        raise SceneError(f"{path}: {'empty' if not lines else 'no rows'}; allowed: a line of heads and rows of numbers")
+        raise InputError(f"{path}: {'empty' if not lines else 'no rows'}; allowed: a line of heads and rows of numbers")
     heads, *rows = list(csv.reader((line for _, line in lines), skipinitialspace=True))
     heads = [head.strip() for head in heads]
     if len(set(heads)) < len(heads):
-        raise SceneError(f"{path}: two columns have the same head; allowed: heads {', '.join(heads)} that differ")
+        raise InputError(f"{path}: two columns have the same head; allowed: heads {', '.join(heads)} that differ")
     table = []
     for (number, _), row in zip(lines[1:], rows, strict=True):
         if len(row) != len(heads):
-            raise SceneError(f"{path}: line {number} has {len(row)} cells; allowed: {len(heads)}, one for each head")
+            raise InputError(f"{path}: line {number} has {len(row)} cells; allowed: {len(heads)}, one for each head")
         table.append([_cell(cell, f"{path}: line {number}, {head}") for head, cell in zip(heads, row, strict=True)])
     return dict(zip(heads, np.array(table, dtype=float).T, strict=True))
 
@@ -126,14 +126,14 @@ def _cell(text: str, where: str) -> float:
     try:
         return float(text) if text.strip() else np.nan
     except ValueError:
-        raise SceneError(f"{where}: {text.strip()!r} is not a number") from None
+        raise InputError(f"{where}: {text.strip()!r} is not a number") from None
 
 
 def _measurements(scene: Scene, name: str, columns: dict[str, Any], sigma: Any) -> Measurements:
     arrays = {head: _array(head, values) for head, values in columns.items()}
     if len({len(values) for values in arrays.values()}) > 1:
         lengths = ", ".join(f"{head}: {len(values)}" for head, values in arrays.items())
-        raise SceneError(f"columns of different lengths ({lengths}); allowed: one value a row")
+        raise InputError(f"columns of different lengths ({lengths}); allowed: one value a row")
     observables, taken, errors = [], [], {}
     inputs: dict[str, np.ndarray] = {}
     voltages: dict[int, np.ndarray] = {}
@@ -156,7 +156,7 @@ def _measurements(scene: Scene, name: str, columns: dict[str, Any], sigma: Any) 
         else:
             inputs[path] = _to_si(values, unit, _unit_of_input(scene, path), head)
     if not observables:
-        raise SceneError("nothing is measured; allowed: a column such as tip.y [cm]")
+        raise InputError("nothing is measured; allowed: a column such as tip.y [cm]")
     _check_inputs(scene, inputs, times, voltages, observables)
     return Measurements(
         observables=tuple(observables),
@@ -173,9 +173,9 @@ def _array(head: str, values: Any) -> np.ndarray:
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise SceneError(f"{head}: not a column of numbers") from None
+        raise InputError(f"{head}: not a column of numbers") from None
     if array.ndim != 1 or array.size == 0:
-        raise SceneError(f"{head}: of shape {array.shape}; allowed: one axis, not empty")
+        raise InputError(f"{head}: of shape {array.shape}; allowed: one axis, not empty")
     return array
 
 
@@ -183,7 +183,7 @@ def _split(head: str) -> tuple[str, str]:
     """Path and unit of "path [unit]"."""
     matched = re.fullmatch(r"\s*(.+?)\s*(?:\[(.*)\])?\s*", head)
     if matched is None:
-        raise SceneError(f"{head!r}: not a head; allowed: a path and a unit, such as tip.y [cm]")
+        raise InputError(f"{head!r}: not a head; allowed: a path and a unit, such as tip.y [cm]")
     return matched[1], (matched[2] or "").strip()
 
 
@@ -202,16 +202,16 @@ def _observable(scene: Scene, path: str) -> Observable | None:
     if "@" in path:
         field, _, place = (part.strip() for part in path.partition("@"))
         if field not in _POSE_UNITS:
-            raise SceneError(f"{path}: {field!r} is not measured at a marker; {nearest(field, list(_POSE_UNITS))}")
+            raise InputError(f"{path}: {field!r} is not measured at a marker; {nearest(field, list(_POSE_UNITS))}")
         marker, length = to_si(place, "m", path), float(scene.arm.length)
         if not 0 <= marker <= length:
-            raise SceneError(f"{path}: {marker:g} is not on the arm; allowed: 0 to {length:g} [m]")
+            raise InputError(f"{path}: {marker:g} is not on the arm; allowed: 0 to {length:g} [m]")
         return Observable(path, _POSE_UNITS[field], field, marker=marker)
     matched = re.fullmatch(r"muscles\.(\d+)\.tcam\.(\w+)", path)
     if matched and matched[2] in _TCAM_UNITS:
         muscle = int(matched[1])
         if muscle >= len(scene.muscles) or scene.muscles[muscle].tcam is None:
-            raise SceneError(f"{path}: this scene has no muscles.{muscle}.tcam")
+            raise InputError(f"{path}: this scene has no muscles.{muscle}.tcam")
         return Observable(path, _TCAM_UNITS[matched[2]], matched[2], muscle=muscle)
     return None
 
@@ -220,10 +220,10 @@ def _unit_of_input(scene: Scene, path: str) -> str:
     known = ["tip.x", "tip.y", "tip.theta", "time"]
     try:
         _, rule = lookup(scene, path)
-    except SceneError as error:
-        raise SceneError(f"{error}; nor is it measured: {', '.join(known)}, y@200 mm, a TCAM's") from None
+    except InputError as error:
+        raise InputError(f"{error}; nor is it measured: {', '.join(known)}, y@200 mm, a TCAM's") from None
     if not isinstance(rule, Quantity) or rule.components > 1:
-        raise SceneError(f"{path}: cannot be a column; allowed: a parameter that is one number")
+        raise InputError(f"{path}: cannot be a column; allowed: a parameter that is one number")
     return rule.unit
 
 
@@ -233,19 +233,19 @@ def _check_inputs(
     driven = [i for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None]
     if times is None:
         if driven or voltages or any(o.muscle is not None for o in observables):
-            raise SceneError("time: missing; a muscle that a TCAM drives is measured over time [s]")
+            raise InputError("time: missing; a muscle that a TCAM drives is measured over time [s]")
     else:
         if not driven:
-            raise SceneError("time: this scene does not change with time; allowed: a scene with a TCAM")
+            raise InputError("time: this scene does not change with time; allowed: a scene with a TCAM")
         if not np.isfinite(times).all() or (np.diff(times, prepend=0.0) < 0).any():
-            raise SceneError("time: not in order; allowed: finite numbers [s], from 0 on, ascending")
+            raise InputError("time: not in order; allowed: finite numbers [s], from 0 on, ascending")
         if slow := [path for path in inputs if ".tcam." in path]:
-            raise SceneError(f"{slow[0]}: cannot change with time; allowed: the scene's own, or muscles.0.tcam.voltage")
+            raise InputError(f"{slow[0]}: cannot change with time; allowed: the scene's own, or muscles.0.tcam.voltage")
     for i, values in voltages.items():
         if i not in driven:
-            raise SceneError(f"muscles.{i}.tcam.voltage: this scene has no muscles.{i}.tcam")
+            raise InputError(f"muscles.{i}.tcam.voltage: this scene has no muscles.{i}.tcam")
         if not np.isfinite(values).all() or times is None or len(times) < 2 or (np.diff(times) <= 0).any():
-            raise SceneError(
+            raise InputError(
                 f"muscles.{i}.tcam.voltage: allowed: finite numbers [V] at two or more instants that differ"
             )
     replace(scene, inputs)  # every row is checked before the first is solved
@@ -257,21 +257,21 @@ def _sigma(observables: tuple[Observable, ...], columns: dict, given: Any, rows:
     names = [o.name for o in observables]
     for name in (*by_name, *columns):
         if name not in names:
-            raise SceneError(f"sigma({name}): not measured here; {nearest(name, names)}")
+            raise InputError(f"sigma({name}): not measured here; {nearest(name, names)}")
     missing = [name for name in names if name not in by_name and name not in columns]
     if len(missing) == len(names):
         units = {o.unit: o.name for o in observables}
         if len(units) > 1:
-            raise SceneError(f"sigma: missing; {' and '.join(units.values())} have different units, so give theirs")
+            raise InputError(f"sigma: missing; {' and '.join(units.values())} have different units, so give theirs")
         return None
     if missing:
-        raise SceneError(f"sigma({missing[0]}): missing; allowed: one for every measurement, or none at all")
+        raise InputError(f"sigma({missing[0]}): missing; allowed: one for every measurement, or none at all")
     errors = []
     for o in observables:
         error = columns[o.name] if o.name in columns else _error(by_name[o.name], o)
         errors.append(np.broadcast_to(np.asarray(error, float), rows))
         if not (np.isfinite(errors[-1]) & (errors[-1] > 0)).all():
-            raise SceneError(f"sigma({o.name}): allowed: more than 0 [{o.unit}]")
+            raise InputError(f"sigma({o.name}): allowed: more than 0 [{o.unit}]")
     return np.stack(errors, axis=1)
 
 

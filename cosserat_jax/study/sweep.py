@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
+from ..scene import InputError, Quantity, Scene, dumps, lookup, replace
 from ..solver import Automatic, Method, Solution
 from ..solver.solve import places_of
 from .batch import solve_rods
@@ -59,14 +59,14 @@ def sweep(
     Rods are solved `batch` at a time by one compiled program, and those that the first of the methods does not solve
     again by the next; `method` and `points` are those of `solve`. `progress` shows a bar on a terminal. With
     `checkpoint`, a folder, every batch is kept as it ends, and the same sweep started again takes up where it was
-    stopped, to the same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or
+    stopped, to the same bits; the folder is yours to remove once the result is safe. Raises `InputError` for a path or
     a value that is not allowed. A rod that has no solution does not raise: see `Sweep.solution.outcome`.
     """
     grid = {path: _values(scene, path, values) for path, values in over.items()}
     if not grid:
-        raise SceneError("sweep: nothing to sweep over; allowed: {path: values}")
+        raise InputError("sweep: nothing to sweep over; allowed: {path: values}")
     if batch < 1:
-        raise SceneError(f"batch: {batch} is not allowed; allowed: at least 1")
+        raise InputError(f"batch: {batch} is not allowed; allowed: at least 1")
     method, places = Automatic() if method is None else method, places_of(points)
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     rods = {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)}
@@ -83,10 +83,10 @@ def sweep(
 def _values(scene: Scene, path: str, values: ArrayLike) -> np.ndarray:
     _, rule = lookup(scene, path)
     if not isinstance(rule, Quantity) or rule.components > 1:
-        raise SceneError(f"{path}: cannot be swept; allowed: a parameter that is one number")
+        raise InputError(f"{path}: cannot be swept; allowed: a parameter that is one number")
     array = np.asarray(values, dtype=float)
     if array.ndim != 1 or array.size == 0:
-        raise SceneError(f"{path}: values of shape {array.shape} cannot be swept; allowed: one axis, not empty")
+        raise InputError(f"{path}: values of shape {array.shape} cannot be swept; allowed: one axis, not empty")
     return array
 
 
