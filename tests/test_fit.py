@@ -205,20 +205,29 @@ def test_parameters_that_do_the_same_are_named():
 
 
 BAD = [
-    ({"tip.y [kg]": [1.0]}, FREE, "tip.y [kg]: '0 kg' has the wrong unit"),
-    ({"water.velocity": [0.2]}, FREE, "nothing is measured"),
+    ({"tip.y [kg]": [1.0]}, FREE, "tip.y [kg] must be a quantity in m, but 'kg' has the wrong unit"),
+    ({"water.velocity": [0.2]}, FREE, "something must be measured"),
     ({"water.velocty": [0.2], "tip.y": [0.1]}, FREE, "did you mean 'velocity'"),
-    ({"tip.y": [0.1, 0.2], "water.velocity": [0.2]}, FREE, "columns of different lengths"),
-    ({"tip.y": [0.1], "tip.theta": [0.1]}, FREE, "sigma: missing; tip.y and tip.theta have different units"),
+    ({"tip.y": [0.1, 0.2], "water.velocity": [0.2]}, FREE, "columns must have one value a row"),
+    ({"tip.y": [0.1], "tip.theta": [0.1]}, FREE, "different units, as tip.y and tip.theta have"),
     ({"z@0.2": [0.1]}, FREE, "'z' is not measured at a marker"),
-    ({"y@0.5": [0.1]}, FREE, "0.5 is not on the arm; allowed: 0 to 0.418 [m]"),
-    ({"tip.y": [0.1], "muscles.0.tension": [-1.0]}, FREE, "muscles.0.tension: -1 is not allowed"),
-    ({"tip.y": [0.1], "time": [1.0]}, FREE, "time: this scene does not change with time"),
-    ({"tip.y": [0.1], "water.inlet_fraction": [0.5]}, FREE, "water.inlet_fraction: is a column of data"),
-    ({"tip.y": [0.1]}, [], "free: nothing is free"),
-    ({"tip.y": [0.1]}, ["arm.ventral"], "arm.ventral: cannot be free"),
-    ({"tip.y": [0.1]}, {"arm.youngs_modulus": (1e6, 2e6)}, "starts at 1e+07, outside its bounds"),
-    ({"tip.y": [0.1]}, {"water.inlet_fraction": (0.5, 2.0)}, "allowed: 0 to 1 [1]"),
+    ({"y@0.5": [0.1]}, FREE, "y@0.5 must be on the arm, 0 to 0.418 m, but is at 0.5 m"),
+    ({"tip.y": [0.1], "muscles.0.tension": [-1.0]}, FREE, "muscles.0.tension must be at least 0, but is -1 N"),
+    ({"tip.y": [0.1], "time": [1.0]}, FREE, "time must be a column only where a TCAM drives"),
+    ({"tip.y": [0.1], "water.inlet_fraction": [0.5]}, FREE, "water.inlet_fraction must be free or given by the data"),
+    ({"tip.y": [0.1]}, [], "free must name parameters"),
+    ({"tip.y": [0.1]}, ["arm.ventral"], "arm.ventral must be a parameter that is one number"),
+    ({"tip.y": [0.1]}, {"arm.youngs_modulus": (1e6, 2e6)}, "but starts at 1e+07"),
+    (
+        {"tip.y": [0.1]},
+        {"water.inlet_fraction": (0.5, 2.0)},
+        "must be between 0 and 1 within its bounds, but they are 0.5 to 2",
+    ),
+    ({"tip.y": [0.1, np.inf]}, FREE, "tip.y must be finite, or nan where nothing was measured, but is inf in row 1"),
+    ({"tip.y": [np.nan, np.nan]}, FREE, "tip.y must have a value in some row"),
+    ({"tip.y": [0.1, 0.1], "water.velocity": [0.2, np.nan]}, FREE, "water.velocity must be given in every row"),
+    ({"tip.y": [0.1], "sigma(tip.y)": [-1.0]}, FREE, "sigma(tip.y) must be positive, but is -1 m"),
+    ({"tip.y [": [0.1]}, FREE, "the head 'tip.y [' must be a path and a unit"),
 ]
 
 
@@ -249,6 +258,21 @@ def test_a_table_reads_alike_from_csv_pandas_and_xarray(tips, tmp_path):
         np.testing.assert_allclose(read.inputs["muscles.0.tension"], TENSIONS, rtol=1e-11)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["tip.y [cm];muscles.0.tension [N]\n1,4;5\n# a remark\n6,0;12\n",
+     "tip.y [cm]\tmuscles.0.tension [N]\n1,4\t5\n\n6\t12\n",
+     'tip.y [cm],muscles.0.tension [N]\n1.4,"5\n"\n6,12\n',
+     "\ufefftip.y [cm], muscles.0.tension [N]\r\n1.4, 5\r\n6, 12\r\n"],
+    ids=["semicolons", "tabs", "a line break in quotes", "a spreadsheet's"],
+)  # fmt: skip
+def test_tables_of_other_countries_and_programs_are_read(text, tmp_path):
+    (tmp_path / "tips.csv").write_bytes(text.encode())
+    read = read_measurements(load("octopus"), tmp_path / "tips.csv")
+    np.testing.assert_allclose(read.values[:, 0], [0.014, 0.06])
+    np.testing.assert_allclose(read.inputs["muscles.0.tension"], [5, 12])
+
+
 def test_the_command_fits_and_writes_a_scene_that_runs(tips, run: Run, tmp_path):
     write_csv(tmp_path / "tips.csv", tips)
     words = ["fit", "octopus", "tips.csv", "--free", *FREE, "--sigma", "tip.x=0.05 mm", "--sigma", "tip.y=0.005 cm"]
@@ -269,12 +293,15 @@ def test_the_command_fits_and_writes_a_scene_that_runs(tips, run: Run, tmp_path)
 
 
 BAD_FILES = {
-    "": "tips.csv: empty; allowed: a line of heads and rows of numbers",
+    "": "tips.csv: empty; give a line of heads and rows of numbers",
     "tip.y [cm]\n": "tips.csv: no rows",
-    "tip.y [cm], water.velocity [m/s]\n1, 0.2\n2\n": "tips.csv: line 3 has 1 cells; allowed: 2, one for each head",
-    "tip.y [cm]\n1\nwet\n": "tips.csv: line 3, tip.y [cm]: 'wet' is not a number",
-    "tip.y [cm], tip.y [cm]\n1, 2\n": "tips.csv: two columns have the same head",
-    "tip.y [cm], muscles.0.tension [kPa]\n1, 2\n": "tips.csv: muscles.0.tension [kPa]: '0 kPa' has the wrong unit",
+    "tip.y [cm], water.velocity [m/s]\n1, 0.2\n2\n": "tips.csv: line 3 must have 2 cells, one for each head, but has 1",
+    "tip.y [cm]\n1\nwet\n": "tips.csv: line 3, tip.y [cm] must be a number, but is 'wet'",
+    "tip.y [cm], tip.y [cm]\n1, 2\n": "tips.csv: every column must have a head of its own, but 'tip.y [cm]'",
+    "tip.y [cm], muscles.0.tension [kPa]\n1, 2\n": "tips.csv: muscles.0.tension [kPa] must be a quantity in N",
+    "tip.y [cm]\n1\ninf\n": "tips.csv: line 3, tip.y [cm] must be a finite number, or blank",
+    "tip.y [cm], water.velocity [m/s]\n, 0.2\n": "tips.csv: tip.y must have a value in some row",
+    "tip.y [cm]\n" + "1" * 140_000: "tips.csv: line 2: field larger than field limit",
 }
 
 

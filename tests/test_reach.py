@@ -286,9 +286,12 @@ def test_the_default_limit_of_a_tension_is_a_half_turn() -> None:
         (([0.3, 0.1], FREE, [0.2, 0.4]), "target: of shape (2,); allowed: (2, 2)"),
         (([0.3, 0.1], ["muscles.0.tensoin"]), "did you mean 'tension'?"),
         (([0.3, 0.1], ["arm.length"]), "arm.length: has no upper bound; allowed: finite bounds, LOWER:UPPER m"),
-        (([0.3, 0.1], []), "free: nothing is free"),
+        (([0.3, 0.1], []), "free must name parameters"),
         (([0.3, 0.1], [VOLTAGE]), "muscles.0.tcam: this scene has none"),
-        (([0.3, 0.1], {"muscles.0.tension": (3, 2)}), "bounds 3 to 2 [N] are not allowed"),
+        (
+            ([0.3, 0.1], {"muscles.0.tension": (3, 2)}),
+            "must have a lower bound below its upper bound, but is 3 to 2 [N]",
+        ),
     ],
 )
 def test_bad_input_is_one_line(arguments: tuple, said: str) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import InputError, one_line
+from ..errors import InputError, one_line, quoted
 from ..report.writing import figure_place, output_place
 from .process import prepare
 
@@ -90,9 +90,9 @@ def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
     for text in texts:
         path, equals, value = text.partition("=")
         if not equals:
-            raise InputError(f"{option} {text!r} is not allowed; allowed: {option} PATH=VALUE")
+            raise InputError(f"{option} must be PATH=VALUE, but is {quoted(text)}")
         if path.strip() in found:
-            raise InputError(f"{option} {text!r}: {path.strip()} is given twice; allowed: once")
+            raise InputError(f"{option} must name {path.strip()} once, but {quoted(text)} names it twice")
         found[path.strip()] = value.strip()
     return found
 
@@ -116,7 +116,7 @@ def free_bounds(
     for text in texts:
         path, equals, bounds = (part.strip() for part in text.partition("="))
         if path in found:
-            raise InputError(f"--free {text!r}: {path} is given twice; allowed: once")
+            raise InputError(f"--free must name {path} once, but {quoted(text)} names it twice")
         found[path] = bounds_to_si(bounds, unit(scene, path), f"--free {path}") if equals else None
     return found
 
@@ -127,7 +127,7 @@ def data_and_figure(out: str | None, plot: str | None, more: Collection[str] = (
     Raises `InputError` where it is plain that one of them cannot be written.
     """
     if out is not None and plot is not None and Path(out).resolve() == Path(plot).resolve():
-        raise InputError(f"--out and --plot are both {out!r}; allowed: two files")
+        raise InputError(f"--out and --plot must be two files, but are both {out!r}")
     data = None if out is None else output_place("--out", out, [".nc"])
     return data, None if plot is None else figure_place("--plot", plot, more)
 

@@ -74,7 +74,7 @@ def sweep_command(
     data, figure = data_and_figure(out, plot)
     kept = None if data is None else batches_place(data)
     if resume and kept is None:
-        raise InputError("--resume: nothing to take up without --out FILE.nc; allowed: --out FILE.nc --resume")
+        raise InputError("--resume must come with --out FILE.nc, beside which a stopped sweep is, but comes without")
 
     start = time.perf_counter()
     swept = _run(file.scene, grid, batch, kept, resume)
@@ -120,11 +120,11 @@ def _grid(file: "SceneFile", over: dict[str, str], changes: dict[str, str]) -> "
     with about(f"{file.name}: {'--over' if over else '[sweep]'}"):
         grid = {path: sweep_values(file.scene, path, text) for path, text in over.items()} if over else file.sweep
         if not grid:
-            raise InputError("nothing to sweep over; allowed: --over PATH=RANGE, or a table [sweep] in the scene")
+            raise InputError("must name what to sweep, but does not; give --over PATH=RANGE, or [sweep] in the scene")
         if both := [path for path in grid if path in changes]:
-            raise InputError(f"{both[0]}: swept, and set to {changes[both[0]]!r} by --set; allowed: one of the two")
+            raise InputError(f"{both[0]} must be swept or set, but is swept and set to {changes[both[0]]!r} by --set")
         if (rods := math.prod(len(values) for values in grid.values())) > _MOST_RODS:
-            raise InputError(f"{' x '.join(grid)}: {rods} rods; allowed: at most {_MOST_RODS}")
+            raise InputError(f"{' x '.join(grid)} must make at most {_MOST_RODS} rods, but makes {rods} rods")
         mesh = np.meshgrid(*grid.values(), indexing="ij")
         replace(file.scene, {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)})
     return grid

@@ -7,10 +7,10 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from ..errors import InputError, nearest
+from ..errors import InputError, nearest, quoted
 from .parts import Muscle, Scene
 from .quantity import ANY, Choice, Count, Declaration, Function, Quantity, Series, declaration
-from .units import series_to_si, to_si
+from .units import allowed_si, series_to_si
 
 
 def parameters(scene: Scene) -> dict[str, Any]:
@@ -63,16 +63,16 @@ def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 def _parsed(text: str, rule: Declaration, path: str) -> Any:
     if isinstance(rule, Function):
-        raise InputError(f"{path}: {text!r} is not allowed; allowed: a function, given in Python")
+        raise InputError(f"{path} must be a function, given in Python, but is {quoted(text)}")
     if isinstance(rule, Count):
-        return int(text) if text.strip().isdecimal() else text
+        return int(text) if text.strip().isdecimal() and len(text) < 20 else text
     if isinstance(rule, Series):
         return series_to_si(text, rule.unit, path)
     if isinstance(rule, Choice):
         return next((value for value in rule.values if str(value).lower() == text.strip().lower()), text)
     if rule.components > 1:
-        raise InputError(f"{path}: {text!r} is not allowed; name one component, {path}.0")
-    return to_si(text, rule.unit, path)
+        raise InputError(f"{path} must be set by its components, {path}.0 and so on, but is {quoted(text)}")
+    return allowed_si(text, rule, path)
 
 
 def _replaced(part: Any, values: dict[tuple[str, ...], Any]) -> Any:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
+from ..errors import quoted
 from ..scene import InputError, Scene
 from ..solver import Method
 from ..solver.method import MultipleShooting, methods_of
@@ -90,16 +91,16 @@ def _check_options(
     for table in measured:
         for one in free:
             if one.path in table.inputs:
-                raise InputError(f"{one.path}: is a column of {table.name}; allowed: free, or given by the data")
+                raise InputError(f"{one.path} must be free or given by the data, but is a column of {table.name} too")
         if table.markers and "arm.length" in {*table.inputs, *(one.path for one in free)}:
-            raise InputError("arm.length: changes, and with it where the markers are; allowed: a length that stays")
+            raise InputError("arm.length must stay where markers are measured, but changes")
     if len({table.sigma is None for table in measured}) > 1:
-        raise InputError("sigma: missing in some of the tables; allowed: in all of them, or in none")
+        raise InputError("sigma must be given in all of the tables or in none, but is missing in some")
     if isinstance(loss, str) and loss not in LOSSES:
-        raise InputError(f"loss: {loss!r} is not allowed; allowed: {', '.join(LOSSES)}, or a function of the misfits")
+        raise InputError(f"loss must be {', '.join(LOSSES)}, or a function of the misfits, but is {quoted(loss)}")
     if not isinstance(loss, str) and optimiser is None:
-        raise InputError("loss: a function asks for an optimiser; allowed: optimiser=optax.adam(1e-2), or a name")
+        raise InputError("loss must be a name without an optimiser, but is a function; give optimiser=optax.adam(1e-2)")
     if loss != "linear" and isinstance(loss, str) and measured[0].sigma is None:
-        raise InputError(f"loss: {loss!r} weighs misfits by their sigma, which is missing; allowed: give sigma")
+        raise InputError(f"sigma must be given for the loss {loss!r}, which weighs misfits by it, but is missing")
     if starts < 1:
-        raise InputError(f"starts: {starts} is not allowed; allowed: at least 1")
+        raise InputError(f"starts must be at least 1, but is {starts}")
