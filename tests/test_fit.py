@@ -18,6 +18,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from cosserat_jax import InputError, Pulses, fit, load, read_measurements, replace, solve, tcam_response
+from cosserat_jax.solver import SingleShooting
+from cosserat_jax.study.doubts import doubts
+from cosserat_jax.study.free import free_parameters
+from cosserat_jax.study.predict import Model
 from cosserat_jax.study.problem import LOSSES
 from cosserat_jax.study.uncertainty import not_told_apart, uncertainty
 
@@ -67,6 +71,66 @@ def test_standard_errors_are_those_of_scipy(exact, tips):
     jacobian = least_squares(misfits, np.ones(2), diff_step=1e-4, jac="3-point", max_nfev=1).jac
     errors = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * list(HIDDEN.values())
     np.testing.assert_allclose(list(exact.stderr.values()), errors, rtol=1e-3)
+
+
+def test_outliers_are_told_by_chi_squared_and_a_robust_loss_finds_the_minimum_beside_them(tips):
+    y = tips["tip.y [m]"].copy()
+    y[[1, 3]] += [0.1, -0.1]
+    spoilt = tips | {"tip.y [m]": y}
+    linear, robust = (fit(load("octopus"), spoilt, FREE, sigma=SIGMA, loss=loss) for loss in ("linear", "cauchy"))
+    assert linear.converged
+    assert linear.chi2_per_dof > 1e4
+    assert any("chi squared" in line for line in linear.warnings)
+    assert abs(linear.values[FREE[0]] - HIDDEN[FREE[0]]) > 20 * linear.stderr[FREE[0]]
+    for path, hidden in HIDDEN.items():
+        assert robust.values[path] == pytest.approx(hidden, rel=0.01)
+
+
+def test_data_that_the_scene_can_hardly_explain_are_doubted_at_once(tips):
+    scene, free = load("octopus"), free_parameters(load("octopus"), FREE)
+    assert doubts(scene, (read_measurements(scene, tips, SIGMA),), free) == ()
+    centimeters = read_measurements(scene, {"tip.y": [1.4, 6.0]})
+    with pytest.raises(InputError, match=r"tip\.y must be within reach, but is 1\.4 m .* a head without a unit"):
+        doubts(scene, (centimeters,), free)
+    (line,) = doubts(scene, (read_measurements(scene, {"tip.y": [0.1, 0.2, 6.0]}),), free)
+    assert "tip.y is 6 m from the base in row 2" in line
+    (line,) = doubts(scene, (read_measurements(scene, {"tip.theta": [20.0, 60.0]}),), free)
+    assert "tip.theta is 60 rad" in line
+    assert doubts(scene, (centimeters,), free_parameters(scene, ["arm.length"])) == ()
+
+
+def test_a_record_that_starts_warm_is_doubted(driven):
+    scene, record = driven
+    free = free_parameters(scene, MUSCLE_PATHS)
+    data = {head: values for head, values in record.items() if "tension" not in head}
+    data["muscles.0.tcam.voltage [V]"] = np.where(data["time [s]"] % 10 < 4, 9.0, 0.0)
+    cold, warm = ({head: values[i:] for head, values in data.items()} for i in (0, 15))
+    sigma = {"muscles.0.tcam.temperature": "1.5 degC"}
+    assert doubts(scene, (read_measurements(scene, cold, sigma),), free) == ()
+    (line,) = doubts(scene, (read_measurements(scene, warm, sigma),), free)
+    assert "muscles.0.tcam.temperature starts at" in line
+
+
+def test_a_record_with_a_voltage_starts_at_its_first_row_whatever_its_clock_shows(driven):
+    scene, times = driven[0], np.array([0.0, 3.0, 4.0, 9.0])
+    heads = ("time [s]", "muscles.0.tcam.voltage [V]", "muscles.0.tcam.temperature [degC]")
+
+    def said(clock: np.ndarray) -> np.ndarray:
+        table = dict(zip(heads, (clock, [6.0, 6.0, 0.0, 0.0], np.full(4, 23.0)), strict=True))
+        return Model.of(scene, read_measurements(scene, table), SingleShooting())(scene).values
+
+    for start in (100.0, -7.0):
+        np.testing.assert_allclose(said(times + start), said(times), rtol=1e-12)
+    second = dataclasses.replace(scene, muscles=scene.muscles * 2)
+    table = dict(zip(heads, (times + 100, times, times + 23), strict=True))
+    with pytest.raises(InputError, match=r"time must start at 0 s, when the voltage of muscles\.1 in the scene starts"):
+        read_measurements(second, table)
+
+
+def test_no_parameter_inside_its_bounds_leaves_nothing_to_tell_apart():
+    nothing = uncertainty(jax.numpy.zeros((4, 0)), jax.numpy.ones(4), 4, True)
+    assert not_told_apart(nothing) == []
+    assert nothing.stderr.shape == (0,)
 
 
 @pytest.mark.slow

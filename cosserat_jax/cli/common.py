@@ -1,6 +1,7 @@
 """What the commands share: options, scenes as the command's words change them, places of outputs, lines on stderr."""
 
 import contextlib
+import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -73,6 +74,15 @@ class Stopped(click.ClickException):
 def say(message: str) -> None:
     """One line on stderr."""
     click.echo(f"cosserat-jax: {one_line(message)}", err=True)
+
+
+@contextlib.contextmanager
+def said_at_once() -> Iterator[None]:
+    """Has each Python warning said in one line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
+        yield
 
 
 @contextlib.contextmanager
