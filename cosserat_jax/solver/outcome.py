@@ -18,8 +18,9 @@ class Outcome(eqx.Enumeration):
         "equilibrium is lost at a limit point before the full load is reached: the arm would snap; lower the load"
     )
     ill_conditioned = (
-        "single shooting loses the equilibrium, as that of a soft arm pulled taut, for which double precision holds no "
-        "pose of the tip that meets the base; use MultipleShooting(), as solve and sweep do outside jit and vmap"
+        "double precision loses the equilibrium, as that of a soft arm under high axial tension, for which no pose of "
+        "the tip that it holds meets the base; use MultipleShooting(), as solve and sweep do outside jit and vmap, or "
+        "more of its intervals"
     )
     inaccurate = (
         "the equilibrium is found, but the error of the integration is estimated above the one asked for; give more "
@@ -33,6 +34,10 @@ class Outcome(eqx.Enumeration):
     muscles_redundant = (
         "the given contractions do not tell the tensions apart: tension can be traded between these muscles without a "
         "change of length, as between two on one path; give one of them its tension instead"
+    )
+    not_followed = (
+        "the equilibrium could not be followed up to the full load, although no limit point is in sight; use "
+        "MultipleShooting() with more intervals, or more steps"
     )
 
 
