@@ -189,7 +189,7 @@ def test_sweep_without_files_prints_a_table_and_writes_nothing(run: Run, tmp_pat
 
 
 def test_sweep_runs_the_file_s_own_ranges_when_told_nothing(run: Run, tmp_path: Path) -> None:
-    text = cosserat_jax.dumps(cosserat_jax.load("octopus"))
+    text = cosserat_jax.dumps(cosserat_jax.load("octopus")).partition("[sweep]")[0]
     (tmp_path / "arm.toml").write_text(text + '\n[sweep]\n"water.velocity" = "0.2, 0.4 m/s"\n')
     ran = run("sweep", "arm.toml")
     assert (ran.status, ran.err) == (0, "")
@@ -245,14 +245,21 @@ def test_a_sweep_of_one_batch_keeps_nothing_when_it_is_stopped(
     assert os.listdir(tmp_path) == []
 
 
-def test_without_resume_a_stopped_sweep_starts_over(run: Run, tmp_path: Path) -> None:
+def test_a_stopped_sweep_is_not_thrown_away_without_restart(run: Run, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         stop_at_save(patch, 1)
         run(*SWEEP, "--out", "a.nc")
+    before = contents(tmp_path)
+    (tmp_path / "a.nc.partial/thesis.txt").write_text("the only copy")
+    ran = run(*SWEEP, "--out", "a.nc")
+    assert (ran.status, ran.out, ran.err.count("\n")) == (2, "", 1)
+    assert "--resume" in ran.err
+    assert "--restart" in ran.err
+    assert before.items() <= contents(tmp_path).items()
     with pytest.MonkeyPatch.context() as patch:
         stop_at_save(patch, 0)
-        assert run(*SWEEP, "--out", "a.nc").status == 130
-    assert os.listdir(tmp_path / "a.nc.partial") == ["identity"]
+        assert run(*SWEEP, "--out", "a.nc", "--restart").status == 2  # that file is in the way
+    assert (tmp_path / "a.nc.partial/thesis.txt").read_text() == "the only copy"
 
 
 def test_bad_input_leaves_a_stopped_sweep_as_it_is(run: Run, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from command import ARM_FILE
 from cosserat_jax import Arm, InputError, Muscle, Scene, dumps, load, parameters, presets, replace, solve, sweep
 from cosserat_jax.scene import bounds_to_si, range_to_si, read, sweep_values, to_si
 from cosserat_jax.scene.parts import Notes
+from cosserat_jax.scene.plausible import unit_hints
 
 
 @pytest.mark.parametrize("name", presets())
@@ -97,6 +98,24 @@ def test_hostile_quantities_are_refused_at_once_in_a_line_that_quotes_them(read,
     assert time.perf_counter() - begin < 1
     assert len(str(caught.value)) < 400
     assert text[:30] in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [({"arm.length": 41.8}, ["the arm is 41.8 m long and 15 mm thick"]), ({"arm.youngs_modulus": 0.3}, ["0.3 Pa"]),
+     ({"arm.length": 418.0}, ["418 m long"]), ({"muscles.0.tension": 2e8}, ["tension is 2e+08 N, 9e+07 times"]),
+     ({"arm.density": 1.1e6}, ["arm.density is 1.1e+06"]), ({"water.velocity": -200.0}, ["water.velocity"]), ({}, [])],
+)  # fmt: skip
+def test_slips_of_a_unit_are_hinted_at(values, said):
+    hints = unit_hints(replace(load("octopus"), values))
+    assert all(any(part in hint for hint in hints) for part in said)
+    assert all("a number without a unit is in SI" in hint for hint in hints)
+    assert bool(hints) == bool(said)
+
+
+@pytest.mark.parametrize("name", presets())
+def test_no_preset_looks_like_a_slip(name):
+    assert unit_hints(load(name)) == ()
 
 
 def test_replace_changes_only_what_is_named():

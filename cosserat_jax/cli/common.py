@@ -108,12 +108,16 @@ def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
 
 
 def read_changed(name: str, changes: dict[str, str]) -> "SceneFile":
-    """The scene file `name` with what --set changes."""
+    """The scene file `name` with what --set changes, and a hint on stderr at numbers that look like slips of a unit."""
     from ..scene import read, replace
+    from ..scene.plausible import unit_hints
 
     file = read(name)
     with about(f"{file.name}: --set"):
-        return file._replace(scene=replace(file.scene, changes))
+        scene = replace(file.scene, changes)
+    for hint in unit_hints(scene):
+        say(f"hint: {file.name}: {hint}")
+    return file._replace(scene=scene)
 
 
 def free_bounds(

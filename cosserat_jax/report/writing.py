@@ -1,12 +1,15 @@
 """Output files: checked before the work, written beside their place and moved in whole."""
 
 import contextlib
+import itertools
 import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, OutputError
+
+_number = itertools.count()
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +50,8 @@ def batches_place(data: Path) -> Path:
     Raises `InputError` if something there is not such a folder: it is the user's and must not be emptied.
     """
     folder = data.with_name(f"{data.name}.partial")
-    if not folder.exists() or (folder / "identity").is_file() or (folder.is_dir() and not any(folder.iterdir())):
+    is_own = folder.is_dir() and ((folder / "identity").is_file() or {*os.listdir(folder)} <= {"lock"})
+    if not folder.is_symlink() and (is_own or not folder.exists()):
         return folder
     raise InputError(f"{folder}: in the way, and not the batches of an unfinished sweep; move it elsewhere")
 
@@ -66,6 +70,8 @@ def written_whole(place: Path) -> Iterator[Path]:
     """
     beside = _beside(place)
     try:
+        with open(beside, "xb"):
+            pass  # a file of our own, wherever a link of that name might lead
         yield beside
         os.replace(beside, place)
     except OSError as error:
@@ -75,5 +81,5 @@ def written_whole(place: Path) -> Iterator[Path]:
 
 
 def _beside(place: Path) -> Path:
-    """One fixed name for each place: the next run overwrites what a killed one left."""
-    return place.with_name(f".{place.name}.unfinished")
+    """A name of this run's own."""
+    return place.with_name(f".{place.name}.{os.getpid()}-{next(_number)}.unfinished")

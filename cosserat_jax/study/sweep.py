@@ -1,7 +1,6 @@
 """`sweep`: many load cases at once, a product grid of parameters solved in one compiled batch."""
 
 import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -10,11 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import diffrax
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
 from ..scene import InputError, Scene, dumps, replace, sweep_values
+from ..scene.parts import Notes
 from ..solver import Automatic, Method, Solution
 from ..solver.solve import places_of
 from .batch import solve_rods
@@ -76,7 +77,11 @@ def sweep(
     count = math.prod(shape)
     size = min(batch, count)
     store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, points, size))
-    solved = solve_rods(replace(scene, rods), method, places, size, store, partial(_shown, progress))
+    try:
+        solved = solve_rods(replace(scene, rods), method, places, size, store, partial(_shown, progress))
+    finally:
+        if store is not None:
+            store.close()
     solution = jax.tree.map(lambda leaf: leaf.reshape(shape + leaf.shape[1:]), solved)
     return Sweep(scene, grid, method, solution)
 
@@ -89,15 +94,16 @@ def _shown(progress: bool, batches: Iterable) -> Iterable:
     return tqdm(batches, unit="batch", disable=None)  # None: no bar where the output is no terminal
 
 
-def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> str:
+def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> dict[str, str]:
     """What a kept batch must have been solved for: the same scene, grid, method and batch, by the same versions."""
     from .. import __version__
 
-    parts: list[Any] = [
-        dumps(scene),
-        {path: values.tolist() for path, values in grid.items()},
-        repr(method),
-        points,
-        size,
-    ]
-    return hashlib.sha256(json.dumps([*parts, __version__, jax.__version__]).encode()).hexdigest()
+    return {
+        "scene": dumps(dataclasses.replace(scene, notes=Notes())),
+        "grid": json.dumps({path: values.tolist() for path, values in grid.items()}),
+        "method": repr(method),
+        "points": repr(points),
+        "batch size": str(size),
+        **{f"version of {one.__name__}": one.__version__ for one in (jax, diffrax, np)},
+        "version of cosserat_jax": __version__,
+    }
