@@ -21,6 +21,7 @@ import xarray
 from command import ARM_FILE, Ran, Run, assert_one_line_and_nothing_left, contents
 
 import cosserat_jax
+from cosserat_jax.cli import common
 from cosserat_jax.scene import presets, read
 from cosserat_jax.study.checkpoint import Checkpoint
 
@@ -129,6 +130,19 @@ def test_solve_draws_the_figure(run: Run, tmp_path: Path) -> None:
     assert run("solve", "octopus", "--plot", "arm.png").status == 0
     assert (tmp_path / "arm.png").read_bytes().startswith(b"\x89PNG")
     assert os.listdir(tmp_path) == ["arm.png"]
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_what_takes_long_says_so_on_a_terminal(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr(common, "_SLOW", 0.05)
+    with common.word_if_slow():
+        time.sleep(0.3)
+    with common.word_if_slow():
+        pass
+    assert capsys.readouterr().err.count("compiling") == terminal
 
 
 def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

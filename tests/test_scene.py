@@ -5,15 +5,31 @@ import dataclasses
 import math
 import time
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 from command import ARM_FILE
 
-from cosserat_jax import Arm, InputError, Muscle, Scene, dumps, load, parameters, presets, replace, solve, sweep
+from cosserat_jax import (
+    Arm,
+    InputError,
+    Muscle,
+    Outcome,
+    Scene,
+    dumps,
+    load,
+    parameters,
+    presets,
+    replace,
+    solve,
+    sweep,
+)
 from cosserat_jax.scene import bounds_to_si, range_to_si, read, sweep_values, to_si
 from cosserat_jax.scene.parts import Notes
 from cosserat_jax.scene.plausible import unit_hints
+from cosserat_jax.solver.solution import Pose, SectionStrains
+from cosserat_jax.solver.solve import empty_solution
 
 
 @pytest.mark.parametrize("name", presets())
@@ -174,6 +190,18 @@ def test_moduli_can_be_swept():
         load("octopus"), {"arm.youngs_modulus": np.array([1e6, 1e7]), "arm.poisson_ratio": np.array([0.3, 0.5])}
     )
     assert scene.arm.youngs_modulus.shape == (2,)
+
+
+def test_results_print_numbers_with_units():
+    assert str(Pose(np.array(0.25), np.array(-0.1), np.array(1.0))) == "x 0.25 m, y -0.1 m, theta 1 rad"
+    assert str(SectionStrains(*np.array([0.98, 0.0, 7.5, 1.1]))) == "nu 0.98, eta 0, mu 7.5 1/m, beta 1.1"
+    batch = Pose(np.linspace(0, 1, 6), np.array([np.nan, 1, 2, 3, 4, 5]), np.full(6, np.nan))
+    assert str(batch) == "x 0 to 1 m, y 1 to 5 m, theta nan rad"
+    solution = eqx.tree_at(lambda solution: solution.outcome, empty_solution(), Outcome.converged)
+    assert str(solution).splitlines()[:2] == [
+        "Solution: converged to the equilibrium that proportional loading reaches", "  tip x 0 m, y 0 m, theta 0 rad",
+    ]  # fmt: skip
+    assert str(jax.eval_shape(lambda x: Pose(x, x, x), 1.0)).startswith("x ")
 
 
 def test_single_precision_is_refused():

@@ -1,6 +1,8 @@
 """What the commands share: options, scenes as the command's words change them, places of outputs, lines on stderr."""
 
 import contextlib
+import sys
+import threading
 import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -26,6 +28,8 @@ free_option = click.option(
     help='Parameters that may change, each a PATH or "PATH=LOWER:UPPER UNIT" with bounds of its own.',
 )  # fmt: skip
 
+_SLOW = 3.0  # seconds without a word
+
 _NO_CACHE = f"{__name__}.no_cache"
 
 
@@ -48,7 +52,8 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         prepare(cached=not ctx.meta.get(_NO_CACHE))
-        return super().invoke(ctx)
+        with word_if_slow():
+            return super().invoke(ctx)
 
 
 class WithFree(Command):
@@ -63,6 +68,21 @@ class WithFree(Command):
                 words.append("--free")
             words.append(word)
         return super().parse_args(ctx, words)
+
+
+@contextlib.contextmanager
+def word_if_slow() -> Iterator[None]:
+    """Says on a terminal what takes so long, once it does."""
+    word = threading.Timer(
+        _SLOW, say, ["compiling, which the next run of a scene of this kind need not, or solving ..."]
+    )
+    word.daemon = True
+    if sys.stderr.isatty():
+        word.start()
+    try:
+        yield
+    finally:
+        word.cancel()
 
 
 class Stopped(click.ClickException):
