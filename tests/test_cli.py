@@ -21,6 +21,7 @@ import xarray
 from command import ARM_FILE, Ran, Run, assert_one_line_and_nothing_left, contents
 
 import cosserat_jax
+from cosserat_jax.cli import common
 from cosserat_jax.scene import presets, read
 from cosserat_jax.study.checkpoint import Checkpoint
 
@@ -131,6 +132,19 @@ def test_solve_draws_the_figure(run: Run, tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["arm.png"]
 
 
+@pytest.mark.parametrize("terminal", [True, False])
+def test_what_takes_long_says_so_on_a_terminal(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr(common, "_SLOW", 0.05)
+    with common.word_if_slow():
+        time.sleep(0.3)
+    with common.word_if_slow():
+        pass
+    assert capsys.readouterr().err.count("compiling") == terminal
+
+
 def test_ctrl_c_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -189,7 +203,7 @@ def test_sweep_without_files_prints_a_table_and_writes_nothing(run: Run, tmp_pat
 
 
 def test_sweep_runs_the_file_s_own_ranges_when_told_nothing(run: Run, tmp_path: Path) -> None:
-    text = cosserat_jax.dumps(cosserat_jax.load("octopus"))
+    text = cosserat_jax.dumps(cosserat_jax.load("octopus")).partition("[sweep]")[0]
     (tmp_path / "arm.toml").write_text(text + '\n[sweep]\n"water.velocity" = "0.2, 0.4 m/s"\n')
     ran = run("sweep", "arm.toml")
     assert (ran.status, ran.err) == (0, "")
@@ -245,14 +259,21 @@ def test_a_sweep_of_one_batch_keeps_nothing_when_it_is_stopped(
     assert os.listdir(tmp_path) == []
 
 
-def test_without_resume_a_stopped_sweep_starts_over(run: Run, tmp_path: Path) -> None:
+def test_a_stopped_sweep_is_not_thrown_away_without_restart(run: Run, tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         stop_at_save(patch, 1)
         run(*SWEEP, "--out", "a.nc")
+    before = contents(tmp_path)
+    (tmp_path / "a.nc.partial/thesis.txt").write_text("the only copy")
+    ran = run(*SWEEP, "--out", "a.nc")
+    assert (ran.status, ran.out, ran.err.count("\n")) == (2, "", 1)
+    assert "--resume" in ran.err
+    assert "--restart" in ran.err
+    assert before.items() <= contents(tmp_path).items()
     with pytest.MonkeyPatch.context() as patch:
         stop_at_save(patch, 0)
-        assert run(*SWEEP, "--out", "a.nc").status == 130
-    assert os.listdir(tmp_path / "a.nc.partial") == ["identity"]
+        assert run(*SWEEP, "--out", "a.nc", "--restart").status == 2  # that file is in the way
+    assert (tmp_path / "a.nc.partial/thesis.txt").read_text() == "the only copy"
 
 
 def test_bad_input_leaves_a_stopped_sweep_as_it_is(run: Run, tmp_path: Path) -> None:
@@ -298,14 +319,24 @@ BAD_FILES = {  # what is changed in a good file, to what, and what the line must
     "unknown table": ("[[muscles]]", "[[tendons]]", ["tendons", "muscles"]),
     "key at the top": ("\n[arm]", "colour = 1\n[arm]", ["colour"]),
     "missing key": ('density = "1.1 kg/dm^3"', "", ["arm.density", "missing"]),
+    "five missing keys": (
+        GOOD[GOOD.index("youngs") :],
+        '[[muscles]]\nend_offset = "1 mm"\n',
+        ["arm.density, arm.youngs_modulus, arm.poisson_ratio, muscles.0.base_offset, muscles.0.tension must be given"],
+    ),
+    "offset below zero": ('"12 mm"', '"-12 mm"', ["muscles.0.base_offset", "'-12 mm'", "side = -1"]),
     "missing modulus": ('youngs_modulus = "10 MPa"', "", ["arm.youngs_modulus", "missing"]),
     "unknown unit": ('"418 mm"', '"418 furlings"', ["arm.length", "418 furlings", " m"]),
     "wrong dimension": ('"418 mm"', '"418 kg"', ["arm.length", "418 kg", " m"]),
     "text for a number": ('"418 mm"', '"long"', ["arm.length", "long"]),
     "boolean for a number": ('"418 mm"', "true", ["arm.length", "True"]),
-    "radius of zero": ('"15 mm"', '"0 mm"', ["arm.base_radius", "0", "more than 0"]),
+    "radius of zero": ('"15 mm"', '"0 mm"', ["arm.base_radius must be positive, but is '0 mm'"]),
     "negative tension": ('"20 N"', '"-20 N"', ["muscles.0.tension", "-20", "at least 0"]),
-    "ratio above a half": ("poisson_ratio = 0.5", "poisson_ratio = 0.6", ["arm.poisson_ratio", "0.6", "0 to 0.5"]),
+    "ratio above a half": (
+        "poisson_ratio = 0.5",
+        "poisson_ratio = 0.6",
+        ["arm.poisson_ratio", "0.6", "between 0 and 0.5"],
+    ),
     "NaN": ('"418 mm"', "nan", ["arm.length", "nan"]),
     "infinite": ('"418 mm"', "inf", ["arm.length", "inf"]),
     "end after the tip": ('tension = "20 N"', 'tension = "20 N"\nend = "500 mm"', ["muscles.0.end", "0.5", "0.418"]),
@@ -336,7 +367,7 @@ BAD_SETTINGS = {
     "wrong unit": ("water.velocity=1 kg", ["water.velocity", "1 kg", "m/s"]),
     "out of range": ("muscles.0.tension=-5 N", ["muscles.0.tension", "-5", "at least 0"]),
     "NaN": ("muscles.0.tension=nan", ["muscles.0.tension", "nan"]),
-    "overflow": ("muscles.0.tension=1e999 N", ["muscles.0.tension", "inf"]),
+    "overflow": ("muscles.0.tension=1e999 N", ["muscles.0.tension", "must be finite", "1e999 N"]),
     "index past the end": ("muscles.3.tension=5 N", ["muscles.3.tension", "'3'", "0 to 0"]),
     "index that is none": ("muscles.first.tension=5 N", ["muscles.first.tension", "'first'"]),
     "choice": ("arm.cross_section=soft", ["arm.cross_section", "'soft'", "'rigid'"]),

@@ -308,19 +308,19 @@ BAD_FILES = {  # what is changed in a good file, to what, and what the line must
     "limit below ambient": ('"150 degC"', '"20 degC"', ["tcam.limit_temperature", "293.15", "296.15"]),
     "no table": (TABLE, 'tcam = "9 V"', ["muscles.0.tcam", "'9 V'", "[muscles.0.tcam]"]),
     "tension and tcam": ("[muscles.tcam]", 'tension = "20 N"\n[muscles.tcam]', ["muscles.0.tension", "muscles.0.tcam"]),
-    "neither": (TABLE, "", ["muscles.0.tension", "missing", "muscles.0.tcam"]),
-    "voltage that is a string": (SINE, '"9 V"', [f"{VOLTAGE}:", "'9 V'", f"[{VOLTAGE}]"]),
+    "neither": (TABLE, "", ["muscles.0.tension", "missing"]),
+    "voltage that is a string": (SINE, '"9 V"', [f"{VOLTAGE} must be a table", "'9 V'", f"[{VOLTAGE}]"]),
     "kind of voltage": ("{ amp", '{ kind = "square", amp', [f"{VOLTAGE}.kind", "'square'", "'sinusoid'", "'pulses'"]),
     "key of a voltage": ("{ amp", '{ start = "1 s", amp', [f"{VOLTAGE}.start", "allowed: amplitude"]),
     "frequency in seconds": ("1 rad/s", "1 s", [f"{VOLTAGE}.frequency", "'1 s'", "rad/s"]),
     "no amplitude": ('amplitude = "9 V", ', "", [f"{VOLTAGE}.amplitude", "missing"]),
-    "pulses that overlap": (SINE, pulses(width='"3 s"'), [f"{VOLTAGE}.width", "3", "at most 2 [s]", "period"]),
+    "pulses that overlap": (SINE, pulses(width='"3 s"'), [f"{VOLTAGE}.width", "3", "at most 2 s", "period"]),
     "no pulse": (SINE, pulses(number="0"), [f"{VOLTAGE}.number", "0", "1 to 100000"]),
     "half a pulse": (SINE, pulses(number="2.5"), [f"{VOLTAGE}.number", "2.5", "whole number"]),
-    "samples in disorder": (SINE, sampled('"0, 2, 1 s"'), [f"{VOLTAGE}.times", "1 [s]", "after"]),
-    "two samples at once": (SINE, sampled('["0 s", "1 s", 1]'), [f"{VOLTAGE}.times", "1 [s]", "after"]),
-    "ragged samples": (SINE, sampled('"0, 1 s"'), [f"{VOLTAGE}:", "2", "3", "as many"]),
-    "one sample": (SINE, sampled('"0 s"', '"1 V"'), [f"{VOLTAGE}:", "at least 2"]),
+    "samples in disorder": (SINE, sampled('"0, 2, 1 s"'), [f"{VOLTAGE}.times", "1 s", "after"]),
+    "two samples at once": (SINE, sampled('["0 s", "1 s", 1]'), [f"{VOLTAGE}.times", "1 s", "after"]),
+    "ragged samples": (SINE, sampled('"0, 1 s"'), [f"{VOLTAGE} must", "2", "3", "as many"]),
+    "one sample": (SINE, sampled('"0 s"', '"1 V"'), [f"{VOLTAGE} must", "at least 2"]),
 }
 
 BAD_TIMES = {
@@ -330,8 +330,8 @@ BAD_TIMES = {
     "NaN": ("nan s", ["--until", "'nan s'", "finite"]),
     "infinite": ("inf s", ["--until", "'inf s'", "finite"]),
     "overflow": ("1e400 s", ["--until", "'1e400 s'", "finite"]),
-    "text": ("soon", ["--until", "'soon'", "quantity in s"]),
-    "empty": ("", ["--until", "''", "quantity in s"]),
+    "text": ("soon", ["--until", "'soon'", "a number and a unit"]),
+    "empty": ("", ["--until", "''", "a number and a unit"]),
 }
 
 OUTPUTS = ["--out", "a.nc", "--plot", "a.gif"]

@@ -17,7 +17,11 @@ from conversion import plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cosserat_jax import Pulses, SceneError, fit, load, read_measurements, replace, solve, tcam_response
+from cosserat_jax import InputError, Pulses, fit, load, read_measurements, replace, solve, tcam_response
+from cosserat_jax.solver import SingleShooting
+from cosserat_jax.study.doubts import doubts
+from cosserat_jax.study.free import free_parameters
+from cosserat_jax.study.predict import Model
 from cosserat_jax.study.problem import LOSSES
 from cosserat_jax.study.uncertainty import not_told_apart, uncertainty
 
@@ -67,6 +71,66 @@ def test_standard_errors_are_those_of_scipy(exact, tips):
     jacobian = least_squares(misfits, np.ones(2), diff_step=1e-4, jac="3-point", max_nfev=1).jac
     errors = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * list(HIDDEN.values())
     np.testing.assert_allclose(list(exact.stderr.values()), errors, rtol=1e-3)
+
+
+def test_outliers_are_told_by_chi_squared_and_a_robust_loss_finds_the_minimum_beside_them(tips):
+    y = tips["tip.y [m]"].copy()
+    y[[1, 3]] += [0.1, -0.1]
+    spoilt = tips | {"tip.y [m]": y}
+    linear, robust = (fit(load("octopus"), spoilt, FREE, sigma=SIGMA, loss=loss) for loss in ("linear", "cauchy"))
+    assert linear.converged
+    assert linear.chi2_per_dof > 1e4
+    assert any("chi squared" in line for line in linear.warnings)
+    assert abs(linear.values[FREE[0]] - HIDDEN[FREE[0]]) > 20 * linear.stderr[FREE[0]]
+    for path, hidden in HIDDEN.items():
+        assert robust.values[path] == pytest.approx(hidden, rel=0.01)
+
+
+def test_data_that_the_scene_can_hardly_explain_are_doubted_at_once(tips):
+    scene, free = load("octopus"), free_parameters(load("octopus"), FREE)
+    assert doubts(scene, (read_measurements(scene, tips, SIGMA),), free) == ()
+    centimeters = read_measurements(scene, {"tip.y": [1.4, 6.0]})
+    with pytest.raises(InputError, match=r"tip\.y must be within reach, but is 1\.4 m .* a head without a unit"):
+        doubts(scene, (centimeters,), free)
+    (line,) = doubts(scene, (read_measurements(scene, {"tip.y": [0.1, 0.2, 6.0]}),), free)
+    assert "tip.y is 6 m from the base in row 2" in line
+    (line,) = doubts(scene, (read_measurements(scene, {"tip.theta": [20.0, 60.0]}),), free)
+    assert "tip.theta is 60 rad" in line
+    assert doubts(scene, (centimeters,), free_parameters(scene, ["arm.length"])) == ()
+
+
+def test_a_record_that_starts_warm_is_doubted(driven):
+    scene, record = driven
+    free = free_parameters(scene, MUSCLE_PATHS)
+    data = {head: values for head, values in record.items() if "tension" not in head}
+    data["muscles.0.tcam.voltage [V]"] = np.where(data["time [s]"] % 10 < 4, 9.0, 0.0)
+    cold, warm = ({head: values[i:] for head, values in data.items()} for i in (0, 15))
+    sigma = {"muscles.0.tcam.temperature": "1.5 degC"}
+    assert doubts(scene, (read_measurements(scene, cold, sigma),), free) == ()
+    (line,) = doubts(scene, (read_measurements(scene, warm, sigma),), free)
+    assert "muscles.0.tcam.temperature starts at" in line
+
+
+def test_a_record_with_a_voltage_starts_at_its_first_row_whatever_its_clock_shows(driven):
+    scene, times = driven[0], np.array([0.0, 3.0, 4.0, 9.0])
+    heads = ("time [s]", "muscles.0.tcam.voltage [V]", "muscles.0.tcam.temperature [degC]")
+
+    def said(clock: np.ndarray) -> np.ndarray:
+        table = dict(zip(heads, (clock, [6.0, 6.0, 0.0, 0.0], np.full(4, 23.0)), strict=True))
+        return Model.of(scene, read_measurements(scene, table), SingleShooting())(scene).values
+
+    for start in (100.0, -7.0):
+        np.testing.assert_allclose(said(times + start), said(times), rtol=1e-12)
+    second = dataclasses.replace(scene, muscles=scene.muscles * 2)
+    table = dict(zip(heads, (times + 100, times, times + 23), strict=True))
+    with pytest.raises(InputError, match=r"time must start at 0 s, when the voltage of muscles\.1 in the scene starts"):
+        read_measurements(second, table)
+
+
+def test_no_parameter_inside_its_bounds_leaves_nothing_to_tell_apart():
+    nothing = uncertainty(jax.numpy.zeros((4, 0)), jax.numpy.ones(4), 4, True)
+    assert not_told_apart(nothing) == []
+    assert nothing.stderr.shape == (0,)
 
 
 @pytest.mark.slow
@@ -205,26 +269,35 @@ def test_parameters_that_do_the_same_are_named():
 
 
 BAD = [
-    ({"tip.y [kg]": [1.0]}, FREE, "tip.y [kg]: '0 kg' has the wrong unit"),
-    ({"water.velocity": [0.2]}, FREE, "nothing is measured"),
+    ({"tip.y [kg]": [1.0]}, FREE, "tip.y [kg] must be a quantity in m, but 'kg' has the wrong unit"),
+    ({"water.velocity": [0.2]}, FREE, "something must be measured"),
     ({"water.velocty": [0.2], "tip.y": [0.1]}, FREE, "did you mean 'velocity'"),
-    ({"tip.y": [0.1, 0.2], "water.velocity": [0.2]}, FREE, "columns of different lengths"),
-    ({"tip.y": [0.1], "tip.theta": [0.1]}, FREE, "sigma: missing; tip.y and tip.theta have different units"),
+    ({"tip.y": [0.1, 0.2], "water.velocity": [0.2]}, FREE, "columns must have one value a row"),
+    ({"tip.y": [0.1], "tip.theta": [0.1]}, FREE, "different units, as tip.y and tip.theta have"),
     ({"z@0.2": [0.1]}, FREE, "'z' is not measured at a marker"),
-    ({"y@0.5": [0.1]}, FREE, "0.5 is not on the arm; allowed: 0 to 0.418 [m]"),
-    ({"tip.y": [0.1], "muscles.0.tension": [-1.0]}, FREE, "muscles.0.tension: -1 is not allowed"),
-    ({"tip.y": [0.1], "time": [1.0]}, FREE, "time: this scene does not change with time"),
-    ({"tip.y": [0.1], "water.inlet_fraction": [0.5]}, FREE, "water.inlet_fraction: is a column of data"),
-    ({"tip.y": [0.1]}, [], "free: nothing is free"),
-    ({"tip.y": [0.1]}, ["arm.ventral"], "arm.ventral: cannot be free"),
-    ({"tip.y": [0.1]}, {"arm.youngs_modulus": (1e6, 2e6)}, "starts at 1e+07, outside its bounds"),
-    ({"tip.y": [0.1]}, {"water.inlet_fraction": (0.5, 2.0)}, "allowed: 0 to 1 [1]"),
+    ({"y@0.5": [0.1]}, FREE, "y@0.5 must be on the arm, 0 to 0.418 m, but is at 0.5 m"),
+    ({"tip.y": [0.1], "muscles.0.tension": [-1.0]}, FREE, "muscles.0.tension must be at least 0, but is -1 N"),
+    ({"tip.y": [0.1], "time": [1.0]}, FREE, "time must be a column only where a TCAM drives"),
+    ({"tip.y": [0.1], "water.inlet_fraction": [0.5]}, FREE, "water.inlet_fraction must be free or given by the data"),
+    ({"tip.y": [0.1]}, [], "free must name parameters"),
+    ({"tip.y": [0.1]}, ["arm.ventral"], "arm.ventral must be a parameter that is one number"),
+    ({"tip.y": [0.1]}, {"arm.youngs_modulus": (1e6, 2e6)}, "but starts at 1e+07"),
+    (
+        {"tip.y": [0.1]},
+        {"water.inlet_fraction": (0.5, 2.0)},
+        "must be between 0 and 1 within its bounds, but they are 0.5 to 2",
+    ),
+    ({"tip.y": [0.1, np.inf]}, FREE, "tip.y must be finite, or nan where nothing was measured, but is inf in row 1"),
+    ({"tip.y": [np.nan, np.nan]}, FREE, "tip.y must have a value in some row"),
+    ({"tip.y": [0.1, 0.1], "water.velocity": [0.2, np.nan]}, FREE, "water.velocity must be given in every row"),
+    ({"tip.y": [0.1], "sigma(tip.y)": [-1.0]}, FREE, "sigma(tip.y) must be positive, but is -1 m"),
+    ({"tip.y [": [0.1]}, FREE, "the head 'tip.y [' must be a path and a unit"),
 ]
 
 
 @pytest.mark.parametrize(("data", "free", "line"), BAD)
 def test_bad_input_is_one_line(data, free, line):
-    with pytest.raises(SceneError) as error:
+    with pytest.raises(InputError) as error:
         fit(load("octopus"), data, free)
     assert line in str(error.value)
     assert "\n" not in str(error.value)
@@ -249,6 +322,21 @@ def test_a_table_reads_alike_from_csv_pandas_and_xarray(tips, tmp_path):
         np.testing.assert_allclose(read.inputs["muscles.0.tension"], TENSIONS, rtol=1e-11)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["tip.y [cm];muscles.0.tension [N]\n1,4;5\n# a remark\n6,0;12\n",
+     "tip.y [cm]\tmuscles.0.tension [N]\n1,4\t5\n\n6\t12\n",
+     'tip.y [cm],muscles.0.tension [N]\n1.4,"5\n"\n6,12\n',
+     "\ufefftip.y [cm], muscles.0.tension [N]\r\n1.4, 5\r\n6, 12\r\n"],
+    ids=["semicolons", "tabs", "a line break in quotes", "a spreadsheet's"],
+)  # fmt: skip
+def test_tables_of_other_countries_and_programs_are_read(text, tmp_path):
+    (tmp_path / "tips.csv").write_bytes(text.encode())
+    read = read_measurements(load("octopus"), tmp_path / "tips.csv")
+    np.testing.assert_allclose(read.values[:, 0], [0.014, 0.06])
+    np.testing.assert_allclose(read.inputs["muscles.0.tension"], [5, 12])
+
+
 def test_the_command_fits_and_writes_a_scene_that_runs(tips, run: Run, tmp_path):
     write_csv(tmp_path / "tips.csv", tips)
     words = ["fit", "octopus", "tips.csv", "--free", *FREE, "--sigma", "tip.x=0.05 mm", "--sigma", "tip.y=0.005 cm"]
@@ -269,12 +357,15 @@ def test_the_command_fits_and_writes_a_scene_that_runs(tips, run: Run, tmp_path)
 
 
 BAD_FILES = {
-    "": "tips.csv: empty; allowed: a line of heads and rows of numbers",
+    "": "tips.csv: empty; give a line of heads and rows of numbers",
     "tip.y [cm]\n": "tips.csv: no rows",
-    "tip.y [cm], water.velocity [m/s]\n1, 0.2\n2\n": "tips.csv: line 3 has 1 cells; allowed: 2, one for each head",
-    "tip.y [cm]\n1\nwet\n": "tips.csv: line 3, tip.y [cm]: 'wet' is not a number",
-    "tip.y [cm], tip.y [cm]\n1, 2\n": "tips.csv: two columns have the same head",
-    "tip.y [cm], muscles.0.tension [kPa]\n1, 2\n": "tips.csv: muscles.0.tension [kPa]: '0 kPa' has the wrong unit",
+    "tip.y [cm], water.velocity [m/s]\n1, 0.2\n2\n": "tips.csv: line 3 must have 2 cells, one for each head, but has 1",
+    "tip.y [cm]\n1\nwet\n": "tips.csv: line 3, tip.y [cm] must be a number, but is 'wet'",
+    "tip.y [cm], tip.y [cm]\n1, 2\n": "tips.csv: every column must have a head of its own, but 'tip.y [cm]'",
+    "tip.y [cm], muscles.0.tension [kPa]\n1, 2\n": "tips.csv: muscles.0.tension [kPa] must be a quantity in N",
+    "tip.y [cm]\n1\ninf\n": "tips.csv: line 3, tip.y [cm] must be a finite number, or blank",
+    "tip.y [cm], water.velocity [m/s]\n, 0.2\n": "tips.csv: tip.y must have a value in some row",
+    "tip.y [cm]\n" + "1" * 140_000: "tips.csv: line 2: field larger than field limit",
 }
 
 

@@ -46,7 +46,7 @@ def test_help_and_typos_import_nothing_slow(words: list[str]) -> None:
 def test_shell_completion_imports_nothing_slow() -> None:
     asked = {"_COSSERAT_JAX_COMPLETE": "bash_complete", "COMP_WORDS": "cosserat-jax sweep --re", "COMP_CWORD": "2"}
     code = "import atexit, sys; atexit.register(lambda: print('jax' in sys.modules)); from cosserat_jax.cli import main"
-    assert run_python(f"{code}; main()", **asked).stdout.split() == ["plain,--resume", "False"]
+    assert run_python(f"{code}; main()", **asked).stdout.split() == ["plain,--resume", "plain,--restart", "False"]
 
 
 def test_every_public_name_is_there_and_listed() -> None:

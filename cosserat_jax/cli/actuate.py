@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import OutputError, SceneError
+from ..errors import InputError, quoted
 from ..report.writing import save_figure, written_whole
 from .common import Command, about, data_and_figure, pairs, read_changed, say, say_written, settings_option
 
@@ -78,7 +78,7 @@ def _last_instant(text: str) -> float:
 
     seconds = to_si(text, "s", "--until")
     if not 0 < seconds < math.inf:
-        raise SceneError(f"--until: {text!r} is not allowed; allowed: a finite time of more than 0 s")
+        raise InputError(f"--until must be a finite time of more than 0 s, but is {quoted(text)}")
     return seconds
 
 
@@ -90,7 +90,7 @@ def _animations(plot: str | None) -> list[str]:
 
     known = animation_suffixes()
     if Path(plot).suffix.lower() == ".mp4" and ".mp4" not in known:
-        raise OutputError(f"--plot {plot!r}: matplotlib finds no ffmpeg to write it; allowed: {', '.join(known)}")
+        raise InputError(f"--plot {plot!r}: matplotlib finds no ffmpeg to write it; allowed: {', '.join(known)}")
     return known
 
 

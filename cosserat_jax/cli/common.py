@@ -1,13 +1,16 @@
 """What the commands share: options, scenes as the command's words change them, places of outputs, lines on stderr."""
 
 import contextlib
+import sys
+import threading
+import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import OutputError, SceneError
+from ..errors import InputError, one_line, quoted
 from ..report.writing import figure_place, output_place
 from .process import prepare
 
@@ -24,6 +27,8 @@ free_option = click.option(
     "--free", multiple=True, required=True, metavar="PATH...",
     help='Parameters that may change, each a PATH or "PATH=LOWER:UPPER UNIT" with bounds of its own.',
 )  # fmt: skip
+
+_SLOW = 3.0  # seconds without a word
 
 _NO_CACHE = f"{__name__}.no_cache"
 
@@ -47,7 +52,8 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         prepare(cached=not ctx.meta.get(_NO_CACHE))
-        return super().invoke(ctx)
+        with word_if_slow():
+            return super().invoke(ctx)
 
 
 class WithFree(Command):
@@ -64,6 +70,21 @@ class WithFree(Command):
         return super().parse_args(ctx, words)
 
 
+@contextlib.contextmanager
+def word_if_slow() -> Iterator[None]:
+    """Says on a terminal what takes so long, once it does."""
+    word = threading.Timer(
+        _SLOW, say, ["compiling, which the next run of a scene of this kind need not, or solving ..."]
+    )
+    word.daemon = True
+    if sys.stderr.isatty():
+        word.start()
+    try:
+        yield
+    finally:
+        word.cancel()
+
+
 class Stopped(click.ClickException):
     """Ctrl-C."""
 
@@ -72,16 +93,25 @@ class Stopped(click.ClickException):
 
 def say(message: str) -> None:
     """One line on stderr."""
-    click.echo("cosserat-jax: " + " ".join(message.splitlines()), err=True)
+    click.echo(f"cosserat-jax: {one_line(message)}", err=True)
+
+
+@contextlib.contextmanager
+def said_at_once() -> Iterator[None]:
+    """Has each Python warning said in one line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
+        yield
 
 
 @contextlib.contextmanager
 def about(where: str) -> Iterator[None]:
-    """Puts `where` in front of what a `SceneError` says."""
+    """Puts `where` in front of what a `InputError` says."""
     try:
         yield
-    except SceneError as error:
-        raise SceneError(f"{where}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
@@ -90,20 +120,24 @@ def pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
     for text in texts:
         path, equals, value = text.partition("=")
         if not equals:
-            raise SceneError(f"{option} {text!r} is not allowed; allowed: {option} PATH=VALUE")
+            raise InputError(f"{option} must be PATH=VALUE, but is {quoted(text)}")
         if path.strip() in found:
-            raise SceneError(f"{option} {text!r}: {path.strip()} is given twice; allowed: once")
+            raise InputError(f"{option} must name {path.strip()} once, but {quoted(text)} names it twice")
         found[path.strip()] = value.strip()
     return found
 
 
 def read_changed(name: str, changes: dict[str, str]) -> "SceneFile":
-    """The scene file `name` with what --set changes."""
+    """The scene file `name` with what --set changes, and a hint on stderr at numbers that look like slips of a unit."""
     from ..scene import read, replace
+    from ..scene.plausible import unit_hints
 
     file = read(name)
     with about(f"{file.name}: --set"):
-        return file._replace(scene=replace(file.scene, changes))
+        scene = replace(file.scene, changes)
+    for hint in unit_hints(scene):
+        say(f"hint: {file.name}: {hint}")
+    return file._replace(scene=scene)
 
 
 def free_bounds(
@@ -116,7 +150,7 @@ def free_bounds(
     for text in texts:
         path, equals, bounds = (part.strip() for part in text.partition("="))
         if path in found:
-            raise SceneError(f"--free {text!r}: {path} is given twice; allowed: once")
+            raise InputError(f"--free must name {path} once, but {quoted(text)} names it twice")
         found[path] = bounds_to_si(bounds, unit(scene, path), f"--free {path}") if equals else None
     return found
 
@@ -124,10 +158,10 @@ def free_bounds(
 def data_and_figure(out: str | None, plot: str | None, more: Collection[str] = ()) -> tuple[Path | None, Path | None]:
     """The places of --out, netCDF, and of --plot, a figure or a file with one of `more` suffixes; None: not asked for.
 
-    Raises `OutputError` where it is plain that one of them cannot be written.
+    Raises `InputError` where it is plain that one of them cannot be written.
     """
     if out is not None and plot is not None and Path(out).resolve() == Path(plot).resolve():
-        raise OutputError(f"--out and --plot are both {out!r}; allowed: two files")
+        raise InputError(f"--out and --plot must be two files, but are both {out!r}")
     data = None if out is None else output_place("--out", out, [".nc"])
     return data, None if plot is None else figure_place("--plot", plot, more)
 

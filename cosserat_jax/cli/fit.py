@@ -11,6 +11,7 @@ from .common import (
     pairs,
     plot_option,
     read_changed,
+    said_at_once,
     say,
     say_written,
     settings_option,
@@ -70,7 +71,8 @@ def fit_command(
     measured = [read_measurements(file.scene, table, sigma) for table in tables]
     with about(file.name):
         bounds = free_bounds(file.scene, free, unit_of)
-        found = fit(file.scene, measured, bounds, loss=loss, starts=starts)  # pyright: ignore[reportArgumentType]
+        with said_at_once():
+            found = fit(file.scene, measured, bounds, loss=loss, starts=starts)  # pyright: ignore[reportArgumentType]
     if scene_place is not None:
         with about(file.name), written_whole(scene_place) as beside:
             beside.write_text(dumps(found.fitted))
@@ -83,6 +85,6 @@ def fit_command(
     else:
         click.echo(calibration_text(file.name, found))
         say_written(scene_place, figure)
-    for line in found.warnings:
+    for line in found.warnings[len(found.noted) :]:
         say(f"warning: {line}")
     return 0 if found.converged else 1

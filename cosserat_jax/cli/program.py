@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from ..errors import OutputError, SceneError, nearest
+from ..errors import InputError, OutputError, nearest
 from .actuate import actuate_command
 from .common import Command, Stopped, no_cache_option, say
 from .fit import fit_command
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "cosserat-jax"
         return _failed(f"{error.format_message()} (see '{command} --help')")
-    except (SceneError, OutputError, click.ClickException) as error:
+    except (InputError, OutputError, click.ClickException) as error:
         return _failed(str(error))
     except OSError as error:
         return _failed(f"{error.filename or 'a file'}: {error.strerror or error}")

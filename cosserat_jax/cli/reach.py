@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import SceneError
+from ..errors import InputError, quoted
 from ..report.writing import figure_place, save_figure
 from .common import (
     WithFree,
@@ -83,13 +83,16 @@ def reach_command(
 
 
 def _point(text: str) -> "np.ndarray":
-    import numpy as np
 
     from ..scene import range_to_si
 
-    point = np.zeros(0) if ":" in text else range_to_si(text, "m", "--target")
-    if point.shape != (2,) or not np.isfinite(point).all():
-        raise SceneError(f'--target: {text!r} is not a point; allowed: "X, Y UNIT", such as "0.3, 0.1 m"')
+    error = InputError(f'--target must be "X, Y UNIT", such as "0.3, 0.1 m", but is {quoted(text)}')
+    try:
+        point = range_to_si(text, "m", "--target")
+    except InputError as cause:
+        raise cause if "unit" in str(cause) else error from None
+    if ":" in text or point.shape != (2,):
+        raise error
     return point
 
 
@@ -98,5 +101,5 @@ def _place(text: str, length: float) -> float:
 
     place = to_si(text, "m", "--at")
     if not 0 < place <= length or math.isnan(place):
-        raise SceneError(f"--at: {text!r} is not on the arm; allowed: more than 0 to {length:g} [m]")
+        raise InputError(f"--at must be on the arm, more than 0 to {length:g} m, but is {quoted(text)}")
     return place

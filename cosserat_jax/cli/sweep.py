@@ -1,14 +1,13 @@
 """`cosserat-jax sweep`."""
 
 import math
-import shutil
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..errors import OutputError, SceneError
+from ..errors import InputError
 from ..report.writing import batches_place, save_figure, written_whole
 from .common import (
     Command,
@@ -18,6 +17,7 @@ from .common import (
     pairs,
     plot_option,
     read_changed,
+    said_at_once,
     say_written,
     settings_option,
 )
@@ -43,6 +43,7 @@ _MOST_RODS = 1_000_000  # some 10 GB of fields
 @plot_option
 @click.option("--batch", metavar="N", type=click.IntRange(min=1), default=256, help="Rods at a time; default: 256.")
 @click.option("--resume", is_flag=True, help="Take up where the same command was stopped, to the same bits.")
+@click.option("--restart", is_flag=True, help="Start over, and remove what a stopped run of the command kept.")
 def sweep_command(
     name: str,
     over: tuple[str, ...],
@@ -51,6 +52,7 @@ def sweep_command(
     plot: str | None,
     batch: int,
     resume: bool,
+    restart: bool,
 ) -> int:
     """Find the equilibria over every combination of the swept values.
 
@@ -65,6 +67,7 @@ def sweep_command(
     """
     from ..report.text import sweep_summary, sweep_table
     from ..solver import check_steady
+    from ..study.checkpoint import remove
 
     changes = pairs("--set", settings)
     file = read_changed(name, changes)
@@ -74,10 +77,17 @@ def sweep_command(
     data, figure = data_and_figure(out, plot)
     kept = None if data is None else batches_place(data)
     if resume and kept is None:
-        raise OutputError("--resume: nothing to take up without --out FILE.nc; allowed: --out FILE.nc --resume")
+        raise InputError("--resume must come with --out FILE.nc, beside which a stopped sweep is, but comes without")
+    if kept is not None and restart and kept.exists():
+        remove(kept)
+    if kept is not None and not resume and kept.exists() and any(kept.glob("batch-*.npz")):
+        raise InputError(
+            f"{kept} holds the batches of a stopped sweep; give --resume to go on, or --restart to start over"
+        )
 
     start = time.perf_counter()
-    swept = _run(file.scene, grid, batch, kept, resume)
+    with said_at_once():
+        swept = _run(file.scene, grid, batch, kept)
     if data is not None:
         with written_whole(data) as beside:
             swept.to_xarray().to_netcdf(beside, engine="h5netcdf")
@@ -85,8 +95,8 @@ def sweep_command(
         from ..report.figures import sweep_figure
 
         save_figure(sweep_figure(swept), figure)
-    if kept is not None:
-        shutil.rmtree(kept, ignore_errors=True)
+    if kept is not None and kept.exists():
+        remove(kept)
     if data is None and figure is None:
         click.echo(sweep_table(swept))
     click.echo(sweep_summary(file.name, swept, time.perf_counter() - start))
@@ -94,12 +104,10 @@ def sweep_command(
     return 0 if bool(swept.solution.converged.all()) else 1
 
 
-def _run(scene: "Scene", grid: "dict[str, np.ndarray]", batch: int, kept: Path | None, resume: bool) -> "Sweep":
+def _run(scene: "Scene", grid: "dict[str, np.ndarray]", batch: int, kept: Path | None) -> "Sweep":
     """The sweep, with its batches in the folder `kept` where there is more than one to keep."""
     from ..study import sweep
 
-    if kept is not None and kept.exists() and not resume:
-        shutil.rmtree(kept)
     rods = math.prod(len(values) for values in grid.values())
     checkpoint = kept if kept is not None and (rods > batch or kept.exists()) else None
     try:
@@ -120,11 +128,11 @@ def _grid(file: "SceneFile", over: dict[str, str], changes: dict[str, str]) -> "
     with about(f"{file.name}: {'--over' if over else '[sweep]'}"):
         grid = {path: sweep_values(file.scene, path, text) for path, text in over.items()} if over else file.sweep
         if not grid:
-            raise SceneError("nothing to sweep over; allowed: --over PATH=RANGE, or a table [sweep] in the scene")
+            raise InputError("must name what to sweep, but does not; give --over PATH=RANGE, or [sweep] in the scene")
         if both := [path for path in grid if path in changes]:
-            raise SceneError(f"{both[0]}: swept, and set to {changes[both[0]]!r} by --set; allowed: one of the two")
+            raise InputError(f"{both[0]} must be swept or set, but is swept and set to {changes[both[0]]!r} by --set")
         if (rods := math.prod(len(values) for values in grid.values())) > _MOST_RODS:
-            raise SceneError(f"{' x '.join(grid)}: {rods} rods; allowed: at most {_MOST_RODS}")
+            raise InputError(f"{' x '.join(grid)} must make at most {_MOST_RODS} rods, but makes {rods} rods")
         mesh = np.meshgrid(*grid.values(), indexing="ij")
         replace(file.scene, {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)})
     return grid

@@ -32,6 +32,7 @@ def calibration_json(name: str, found: Calibration) -> str:
         "rms_residual_unit": unit,
         "rms": found.rms,
         "chi_squared": found.chi_squared if found.sigma_known else None,
+        "chi2_per_dof": found.chi2_per_dof,
         "measurements": found.taken,
         "degrees_of_freedom": found.dof,
         "correlation": [[number_or_none(entry) for entry in row] for row in found.correlation],

@@ -62,7 +62,7 @@ def save_animation(actuation: "Actuation", place: Path) -> None:
     """Writes to `place`, a .gif or .mp4, whole or not at all, the arm moving and the time on the curves moving with it.
 
     In real time where the motion lasts 2 s to 15 s, else slowed down or sped up to that, which the title says. An
-    instant without equilibrium says so in place of the arm. Raises `OutputError` if the file cannot be written.
+    instant without equilibrium says so in place of the arm. Raises `InputError` if the file cannot be written.
     """
     playback = Playback.of(np.asarray(actuation.times))
     with written_whole(place) as beside, matplotlib.rc_context(STYLE):

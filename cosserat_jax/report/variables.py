@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..scene import Scene, SceneError, dumps
+from ..scene import InputError, Scene, dumps
 from ..solver import Outcome, Solution, outcome_codes
 
 Dims = tuple[str, ...]
@@ -123,5 +123,5 @@ def provenance(title: str, scene: Scene) -> dict[str, str]:
 def _scene_text(scene: Scene) -> str:
     try:
         return dumps(scene)
-    except SceneError as error:
+    except InputError as error:
         return f"not written: {error}"

@@ -1,34 +1,37 @@
 """Output files: checked before the work, written beside their place and moved in whole."""
 
 import contextlib
+import itertools
 import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import OutputError
+from ..errors import InputError, OutputError
+
+_number = itertools.count()
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def output_place(option: str, file: str, suffixes: Collection[str]) -> Path:
-    """The place that `file` names, links followed. Raises `OutputError` where it is plain that it cannot be written."""
+    """The place that `file` names, links followed. Raises `InputError` where it is plain that it cannot be written."""
     where, place = f"{option} {file!r}", Path(os.path.realpath(file))
     if Path(file).suffix.lower() not in suffixes:
-        raise OutputError(f"{where}: not a name for this output; allowed: a name that ends in {', '.join(suffixes)}")
+        raise InputError(f"{where}: not a name for this output; allowed: a name that ends in {', '.join(suffixes)}")
     if not place.parent.is_dir():
-        raise OutputError(f"{where}: cannot be written: there is no folder {str(place.parent)!r}")
+        raise InputError(f"{where}: cannot be written: there is no folder {str(place.parent)!r}")
     if place.is_dir():
-        raise OutputError(f"{where}: cannot be written: it is a folder; allowed: a file")
+        raise InputError(f"{where}: cannot be written: it is a folder; allowed: a file")
     if not os.access(place.parent, os.W_OK | os.X_OK):
-        raise OutputError(f"{where}: cannot be written: no permission to write in {str(place.parent)!r}")
+        raise InputError(f"{where}: cannot be written: no permission to write in {str(place.parent)!r}")
     try:
         os.lstat(_beside(place))  # finds a name that is too long for the file system
     except FileNotFoundError:
         pass
     except OSError as error:
-        raise OutputError(f"{where}: cannot be written: {error.strerror}") from None
+        raise InputError(f"{where}: cannot be written: {error.strerror}") from None
     return place
 
 
@@ -44,12 +47,13 @@ def figure_place(option: str, file: str, more: Collection[str] = ()) -> Path:
 def batches_place(data: Path) -> Path:
     """The folder beside the output `data` that keeps the batches of a sweep while it runs.
 
-    Raises `OutputError` if something there is not such a folder: it is the user's and must not be emptied.
+    Raises `InputError` if something there is not such a folder: it is the user's and must not be emptied.
     """
     folder = data.with_name(f"{data.name}.partial")
-    if not folder.exists() or (folder / "identity").is_file() or (folder.is_dir() and not any(folder.iterdir())):
+    is_own = folder.is_dir() and ((folder / "identity").is_file() or {*os.listdir(folder)} <= {"lock"})
+    if not folder.is_symlink() and (is_own or not folder.exists()):
         return folder
-    raise OutputError(f"{folder}: in the way, and not the batches of an unfinished sweep; move it elsewhere")
+    raise InputError(f"{folder}: in the way, and not the batches of an unfinished sweep; move it elsewhere")
 
 
 def save_figure(figure: "Figure", place: Path) -> None:
@@ -66,6 +70,8 @@ def written_whole(place: Path) -> Iterator[Path]:
     """
     beside = _beside(place)
     try:
+        with open(beside, "xb"):
+            pass  # a file of our own, wherever a link of that name might lead
         yield beside
         os.replace(beside, place)
     except OSError as error:
@@ -75,5 +81,5 @@ def written_whole(place: Path) -> Iterator[Path]:
 
 
 def _beside(place: Path) -> Path:
-    """One fixed name for each place: the next run overwrites what a killed one left."""
-    return place.with_name(f".{place.name}.unfinished")
+    """A name of this run's own."""
+    return place.with_name(f".{place.name}.{os.getpid()}-{next(_number)}.unfinished")

@@ -9,6 +9,8 @@ centerline. Water flows along e1, gravity pulls along -e2. Symbols follow Golest
 "Quasi-static continuum model of octopus-like soft robot arm under water actuated by TCAMs".
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Literal
 
 import equinox as eqx
@@ -72,6 +74,9 @@ class Arm(eqx.Module):
     section_law: Any = function(default=None)
 
 
+_OTHER_SIDE = "a muscle on the other side of the arm has side = -1"
+
+
 class Muscle(eqx.Module):
     """A muscle from the base to s = `end`, at the signed offset y(s) = side (a + (b - a) s / end) from the centerline.
 
@@ -86,8 +91,8 @@ class Muscle(eqx.Module):
     tendon cannot push: then it is slack, T = 0. The contraction is raised in proportion, as all loads are.
     """
 
-    base_offset: Scalar = quantity("m", NOT_NEGATIVE)
-    end_offset: Scalar = quantity("m", NOT_NEGATIVE)
+    base_offset: Scalar = quantity("m", NOT_NEGATIVE, _OTHER_SIDE)
+    end_offset: Scalar = quantity("m", NOT_NEGATIVE, _OTHER_SIDE)
     tension: Scalar | None = quantity("N", NOT_NEGATIVE, default=None)
     end: Scalar | None = quantity("m", POSITIVE, default=None)
     side: Literal[1, -1] = choice(1, -1, default=1)
@@ -99,16 +104,17 @@ class Muscle(eqx.Module):
 class Water(eqx.Module):
     """Steady water, flowing along e1 with speed velocity + velocity_gradient * (height over the base).
 
-    - `density` [kg/m^3], `viscosity` [Pa s], `velocity` [m/s] (negative: toward the base), `boundary_layer` h_inf [m].
+    - `velocity` [m/s] (negative: toward the base). `density` [kg/m^3] and `viscosity` [Pa s], by default of fresh water
+      at 20 degC; `boundary_layer` h_inf [m].
     - `inlet_fraction`: tangential speed at the inlet of the control volume as a fraction of the free stream's.
       The paper does not say where the inlet is; 1 is the free stream, 0.19 its printed profile at h_inf / 10.
     - `velocity_gradient` [1/s]: None is a uniform current, whose program needs one shooting unknown, not three.
     """
 
-    density: Scalar = quantity("kg/m^3", POSITIVE)
-    viscosity: Scalar = quantity("Pa*s", NOT_NEGATIVE)
     velocity: Scalar = quantity("m/s")
-    boundary_layer: Scalar = quantity("m", POSITIVE)
+    density: Scalar = quantity("kg/m^3", POSITIVE, default=998.2)
+    viscosity: Scalar = quantity("Pa*s", NOT_NEGATIVE, default=1.002e-3)
+    boundary_layer: Scalar = quantity("m", POSITIVE, default=0.02)
     inlet_fraction: Scalar = quantity("1", Interval(0.0, 1.0), default=1.0)
     velocity_gradient: Scalar | None = quantity("1/s", default=None)
 
@@ -116,7 +122,7 @@ class Water(eqx.Module):
 class Gravity(eqx.Module):
     """Weight, and in water buoyancy: `acceleration` [m/s^2] along -e2; a negative one pulls up."""
 
-    acceleration: Scalar = quantity("m/s^2")
+    acceleration: Scalar = quantity("m/s^2", default=9.81)
 
 
 class Tip(eqx.Module):
@@ -131,11 +137,30 @@ class Tip(eqx.Module):
     follower: bool = choice(False, True, default=False)
 
 
+class Notes:
+    """What a scene file says beside the scene: its title, and the ranges of its sweep as they were written.
+
+    All notes are equal, so that a program compiled for one scene serves another of another title.
+    """
+
+    def __init__(self, title: str = "", sweep: Mapping[str, Any] = MappingProxyType({})) -> None:
+        self.title, self.sweep = title, sweep
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Notes)
+
+    def __hash__(self) -> int:
+        return hash(Notes)
+
+    def __repr__(self) -> str:
+        return f"Notes({self.title!r})"
+
+
 class Scene(eqx.Module):
-    """An arm, its muscles, and the loads on it. Raises `SceneError` where a value that can be looked at is not allowed.
+    """An arm, its muscles, and the loads on it. Raises `InputError` where a value that can be looked at is not allowed.
 
     `water` None is an arm in air, `gravity` None a weightless one, `tip` None a free tip. `loads` are distributed loads
-    of your own, each an `AbstractLoad`.
+    of your own, each an `AbstractLoad`. `notes` are the title and the sweep of a file, which are kept with the scene.
     """
 
     arm: Arm
@@ -144,6 +169,7 @@ class Scene(eqx.Module):
     gravity: Gravity | None = None
     tip: Tip | None = None
     loads: tuple[Any, ...] = function(default=())
+    notes: Notes = eqx.field(static=True, default=Notes())
 
     def __check_init__(self) -> None:
         validate(self)

@@ -7,10 +7,10 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from ..errors import SceneError, nearest
+from ..errors import InputError, nearest, quoted
 from .parts import Muscle, Scene
 from .quantity import ANY, Choice, Count, Declaration, Function, Quantity, Series, declaration
-from .units import series_to_si, to_si
+from .units import allowed_si, series_to_si
 
 
 def parameters(scene: Scene) -> dict[str, Any]:
@@ -20,7 +20,7 @@ def parameters(scene: Scene) -> dict[str, Any]:
 
 
 def lookup(scene: Scene, path: str) -> tuple[Any, Declaration]:
-    """The value at `path` (None for one that is left out) and its declaration. Raises `SceneError` for no such path."""
+    """The value at `path` (None for one that is left out) and its declaration. Raises `InputError` for no such path."""
     part, rule = scene, None
     for depth, key in enumerate(path.split(".")):
         here = ".".join(path.split(".")[:depth])
@@ -33,11 +33,11 @@ def lookup(scene: Scene, path: str) -> tuple[Any, Declaration]:
             part, rule = getattr(part, key), declaration(field)
         else:
             reason = "this scene has none" if part is None and rule is None else "it has no parts"
-            raise SceneError(f"{path}: no such parameter; {here}: {reason}")
+            raise InputError(f"{path}: no such parameter; {here}: {reason}")
     if rule is None and eqx.is_array_like(part):
         return part, Quantity("1", ANY)  # of a load or section law of the user's own, which declares no unit
     if rule is None:
-        raise SceneError(f"{path}: names a part, not a parameter")
+        raise InputError(f"{path}: names a part, not a parameter")
     return part, rule
 
 
@@ -52,7 +52,7 @@ def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
     A value is a number or array in SI, a string with a unit ("20 N"), or for a choice the choice ("rigid"). A muscle's
     `contraction` takes the place of its `tension`, and the other way round.
-    Raises `SceneError` for a path that does not exist and for a value that is not allowed there.
+    Raises `InputError` for a path that does not exist and for a value that is not allowed there.
     """
     parsed = {}
     for path, value in values.items():
@@ -63,16 +63,16 @@ def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 def _parsed(text: str, rule: Declaration, path: str) -> Any:
     if isinstance(rule, Function):
-        raise SceneError(f"{path}: {text!r} is not allowed; allowed: a function, given in Python")
+        raise InputError(f"{path} must be a function, given in Python, but is {quoted(text)}")
     if isinstance(rule, Count):
-        return int(text) if text.strip().isdecimal() else text
+        return int(text) if text.strip().isdecimal() and len(text) < 20 else text
     if isinstance(rule, Series):
         return series_to_si(text, rule.unit, path)
     if isinstance(rule, Choice):
         return next((value for value in rule.values if str(value).lower() == text.strip().lower()), text)
     if rule.components > 1:
-        raise SceneError(f"{path}: {text!r} is not allowed; name one component, {path}.0")
-    return to_si(text, rule.unit, path)
+        raise InputError(f"{path} must be set by its components, {path}.0 and so on, but is {quoted(text)}")
+    return allowed_si(text, rule, path)
 
 
 def _replaced(part: Any, values: dict[tuple[str, ...], Any]) -> Any:
@@ -95,14 +95,14 @@ def _field(part: Any, key: str, path: str, here: str) -> dataclasses.Field:
     fields = {field.name: field for field in dataclasses.fields(part)}
     if key not in fields:
         inside = f" in {here}" if here else ""
-        raise SceneError(f"{path}: no such parameter; no {key!r}{inside}; {nearest(key, list(fields))}")
+        raise InputError(f"{path}: no such parameter; no {key!r}{inside}; {nearest(key, list(fields))}")
     return fields[key]
 
 
 def _index(items: tuple, key: str, path: str, here: str) -> int:
     if key not in map(str, range(len(items))):
         allowed = f"0 to {len(items) - 1}" if items else "none, the scene has no " + here
-        raise SceneError(f"{path}: no such parameter; {key!r} is not an index of {here}; allowed: {allowed}")
+        raise InputError(f"{path}: no such parameter; {key!r} is not an index of {here}; allowed: {allowed}")
     return int(key)
 
 

@@ -16,6 +16,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from ..errors import InputError, quoted
+
 Scalar = Float[Array, ""] | float
 
 
@@ -34,10 +36,10 @@ class Interval(NamedTuple):
 
     def __str__(self) -> str:
         if np.isfinite(self.upper):
-            return f"{'more than ' if self.open_lower else ''}{self.lower:g} to {self.upper:g}"
+            return f"between {self.lower:g} and {self.upper:g}"
         if np.isfinite(self.lower):
-            return f"{'more than' if self.open_lower else 'at least'} {self.lower:g}"
-        return "any finite number"
+            return "positive" if self.open_lower else f"at least {self.lower:g}"
+        return "a finite number"
 
 
 ANY = Interval()
@@ -47,11 +49,21 @@ NOT_NEGATIVE = Interval(lower=0.0)
 
 
 class Quantity(NamedTuple):
-    """Declaration of a float parameter: SI unit as pint and netCDF write it, allowed values, number of components."""
+    """Declaration of a float parameter: SI unit as pint and netCDF write it, allowed values, number of components, and
+    what to do instead of giving it a value that is not allowed."""
 
     unit: str
     allowed: Interval
     components: int = 1
+    advice: str = ""
+
+    def refused(self, where: str, given: Any) -> InputError:
+        """The error for a value that is not allowed, with what was `given`: a text as it was typed, or a number."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        said = quoted(given) if isinstance(given, str) else f"{float(given):g}{unit}"
+        return InputError(
+            f"{where} must be {self.allowed}, but is {said}" + (f"; {self.advice}" if self.advice else "")
+        )
 
 
 class Series(NamedTuple):
@@ -60,11 +72,19 @@ class Series(NamedTuple):
     unit: str
     allowed: Interval
 
+    def refused(self, where: str, given: Any) -> InputError:
+        """The error for a value that is not allowed."""
+        return Quantity(self.unit, self.allowed).refused(where, given)
+
 
 class Count(NamedTuple):
     """Declaration of a static whole number from 1 to `highest`. It decides which program is compiled."""
 
     highest: int = 100_000
+
+    def refused(self, where: str, given: Any) -> InputError:
+        """The error for what is no such number."""
+        return InputError(f"{where} must be a whole number from 1 to {self.highest}, but is {quoted(given)}")
 
 
 class Function(NamedTuple):
@@ -79,10 +99,14 @@ class Choice(NamedTuple):
     def __str__(self) -> str:
         return " or ".join(repr(value) for value in self.values)
 
+    def refused(self, where: str, given: Any) -> InputError:
+        """The error for a value that is none of these."""
+        return InputError(f"{where} must be {self}, but is {quoted(given)}")
 
-def quantity(unit: str, allowed: Interval = ANY, **kwargs: Any) -> Any:
+
+def quantity(unit: str, allowed: Interval = ANY, advice: str = "", **kwargs: Any) -> Any:
     """A scalar float field in SI `unit`, a leaf of the scene's pytree."""
-    return eqx.field(metadata={"declares": Quantity(unit, allowed)}, **kwargs)
+    return eqx.field(metadata={"declares": Quantity(unit, allowed, advice=advice)}, **kwargs)
 
 
 def vector(unit: str, components: int, **kwargs: Any) -> Any:

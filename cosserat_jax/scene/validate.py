@@ -14,26 +14,26 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..errors import SceneError
+from ..errors import InputError, quoted
 from .quantity import Choice, Count, Quantity, Series, concrete, declaration
 from .tcam import TCAM
 from .voltage import AbstractVoltage, Pulses, Sampled
 
 
 def validate(scene: Any) -> None:
-    """Raises `SceneError` for the first value of `scene` that is not allowed."""
+    """Raises `InputError` for the first value of `scene` that is not allowed."""
     _check_declared(scene)
     _check_material(scene.arm)
     for i, load in enumerate(scene.loads):
         if not callable(getattr(load, "per_length", None)):
-            raise SceneError(f"loads.{i}: {load!r} is not allowed; allowed: an AbstractLoad")
+            raise InputError(f"loads.{i} must be an AbstractLoad, but is {quoted(load)}")
     for i, muscle in enumerate(scene.muscles):
         _check_muscle(f"muscles.{i}", muscle, scene.arm)
         _check_source(f"muscles.{i}", muscle)
 
 
 def validate_tcam(tcam: TCAM, path: str = "tcam") -> None:
-    """Raises `SceneError` for the first value of `tcam`, which stands at `path`, that is not allowed."""
+    """Raises `InputError` for the first value of `tcam`, which stands at `path`, that is not allowed."""
     _check_declared(tcam, f"{path}.")
     _check_voltage(f"{path}.voltage", tcam.voltage)
     _check_above_ambient(path, tcam)
@@ -71,9 +71,9 @@ def _check_declared(part: Any, prefix: str = "") -> None:
     for path, field, value in declared(part, prefix):
         rule = declaration(field)
         if isinstance(rule, Choice) and value not in rule.values:
-            raise SceneError(f"{path}: {value!r} is not allowed; allowed: {rule}")
+            raise rule.refused(path, value)
         if isinstance(rule, Count) and not (type(value) is int and 1 <= value <= rule.highest):
-            raise SceneError(f"{path}: {value!r} is not allowed; allowed: a whole number, 1 to {rule.highest}")
+            raise rule.refused(path, value)
         if isinstance(rule, Quantity | Series) and value is not None:
             _check_quantity(path, value, rule)
 
@@ -82,34 +82,33 @@ def _check_quantity(path: str, value: Any, rule: Quantity | Series) -> None:
     components = rule.components if isinstance(rule, Quantity) else 1
     values = value if components > 1 else (value,)
     if components > 1 and (not isinstance(value, tuple | list) or len(value) != components):
-        raise SceneError(f"{path}: {value!r} is not allowed; allowed: {components} components [{rule.unit}]")
+        raise InputError(f"{path} must have {components} components [{rule.unit}], but is {quoted(value)}")
     for component in values:
         try:
             number = concrete(component)
-        except (TypeError, ValueError):
-            raise SceneError(f"{path}: {component!r} is not a number [{rule.unit}]") from None
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(f"{path} must be a number [{rule.unit}], but is {quoted(component)}") from None
         if number is not None and not (ok := rule.allowed.holds(number)).all():
-            raise SceneError(f"{path}: {_first(number, ~ok):g} is not allowed; allowed: {rule.allowed} [{rule.unit}]")
+            raise rule.refused(path, _first(number, ~ok))
 
 
 def _check_material(arm: Any) -> None:
     missing = [name for name in ("youngs_modulus", "poisson_ratio") if getattr(arm, name) is None]
     instead = [name for name in ("stiffness", "section_law") if getattr(arm, name) is not None]
     if not instead and missing:
-        raise SceneError(
-            f"arm.{missing[0]}: missing; give youngs_modulus and poisson_ratio, or a table arm.stiffness, "
-            "or in Python a section_law"
+        raise InputError(
+            f"{' and '.join(f'arm.{name}' for name in missing)} must be given, but is missing; or give a table "
+            "arm.stiffness, or in Python a section_law"
         )
     if len(instead) == 2:
-        raise SceneError("arm.stiffness: given beside section_law; allowed: the one or the other")
+        raise InputError("arm.stiffness must be given without section_law, but is given beside it; leave one out")
     if instead and len(missing) < 2:
-        raise SceneError(
-            f"arm.{instead[0]}: given beside youngs_modulus or poisson_ratio; allowed: the one or the other"
+        raise InputError(
+            f"arm.{instead[0]} must be given without youngs_modulus and poisson_ratio, but is given beside them; "
+            "leave the one or the others out"
         )
     if arm.stiffness is not None and arm.cross_section != "rigid":
-        raise SceneError(
-            f"arm.cross_section: {arm.cross_section!r} is not allowed with arm.stiffness; allowed: 'rigid'"
-        )
+        raise InputError(f"arm.cross_section must be 'rigid' with arm.stiffness, but is {arm.cross_section!r}")
 
 
 def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
@@ -120,16 +119,16 @@ def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
         return  # JAX is tracing some of them
     length, base_radius, tip_radius, base_offset, end_offset, end = numbers
     if (bad := end > length).any():
-        allowed = f"more than 0 to {_first(length, bad):g} [m], the arm's length"
-        raise SceneError(f"{path}.end: {_first(end, bad):g} is not allowed; allowed: {allowed}")
+        allowed = f"at most {_first(length, bad):g} m, the arm's length"
+        raise InputError(f"{path}.end must be {allowed}, but is {_first(end, bad):g} m")
     if muscle.tangent == "unit":
         return
     end_radius = base_radius + (tip_radius - base_radius) * end / length
     for name, offset, radius in (("base_offset", base_offset, base_radius), ("end_offset", end_offset, end_radius)):
         if (bad := offset > radius * (1 + 1e-12)).any():
-            raise SceneError(
-                f"{path}.{name}: {_first(offset, bad):g} lies outside the arm; "
-                f"allowed: 0 to {_first(radius, bad):g} [m], its radius there, or tangent = 'unit'"
+            raise InputError(
+                f"{path}.{name} must be at most {_first(radius, bad):g} m, the arm's radius there, but is "
+                f"{_first(offset, bad):g} m, outside the arm; or give tangent = 'unit'"
             )
 
 
@@ -137,35 +136,50 @@ def _check_source(path: str, muscle: Any) -> None:
     """A muscle's tension is given, found from its contraction, or made by a TCAM."""
     given = [name for name in ("tension", "contraction", "tcam") if getattr(muscle, name) is not None]
     if not given:
-        raise SceneError(
-            f"{path}.tension: missing; give it, or {path}.contraction, or a table {path}.tcam that makes it"
+        raise InputError(
+            f"{path}.tension must be given, but is missing; or give {path}.contraction, or a table {path}.tcam that "
+            "makes it"
         )
     if len(given) > 1:
         others = " and ".join(f"{path}.{name}" for name in given[1:])
-        raise SceneError(f"{path}.{given[0]}: given beside {others}; allowed: one of tension, contraction and tcam")
+        raise InputError(f"{path}.{given[0]} must be given alone, but is given beside {others}; give one of the three")
     if muscle.tcam is not None:
         if not isinstance(muscle.tcam, TCAM):
-            raise SceneError(f"{path}.tcam: {muscle.tcam!r} is not allowed; allowed: a TCAM")
+            raise InputError(f"{path}.tcam must be a TCAM, but is {quoted(muscle.tcam)}")
         validate_tcam(muscle.tcam, f"{path}.tcam")
 
 
 def _check_voltage(path: str, voltage: Any) -> None:
     if voltage is not None and not isinstance(voltage, AbstractVoltage):
-        raise SceneError(f"{path}: {voltage!r} is not allowed; allowed: a voltage or a function of time")
+        raise InputError(f"{path} must be a voltage or a function of time, but is {quoted(voltage)}")
     if isinstance(voltage, Pulses):
-        allowed = "at most {:g} [s], the period"
+        allowed = "at most {:g} s, the period"
         _check_order(f"{path}.width", voltage.width, voltage.period, np.less_equal, allowed)
     if isinstance(voltage, Sampled):
         times, values = np.shape(voltage.times), np.shape(voltage.values)
         if times != values or times[-1:] < (2,):
-            raise SceneError(f"{path}: {times} times and {values} values; allowed: as many of the one, at least 2")
+            raise InputError(f"{path} must have as many times as values, at least 2, but has {times} and {values}")
         seconds = concrete(voltage.times)
         if seconds is not None and (bad := np.diff(seconds) <= 0).any():
-            raise SceneError(f"{path}.times: {_first(seconds[..., 1:], bad):g} [s] does not come after the one before")
+            raise InputError(
+                f"{path}.times must ascend, but {_first(seconds[..., 1:], bad):g} s does not come after the one before"
+            )
+        volts = concrete(voltage.values)
+        if seconds is not None and volts is not None and seconds.ndim == 1:
+            _check_start(path, seconds, volts)
+
+
+def _check_start(path: str, seconds: np.ndarray, volts: np.ndarray) -> None:
+    """A muscle is at its ambient temperature at 0 s: what heats it from then on must be known."""
+    if seconds[0] > 1.5 * (seconds[1] - seconds[0]) and volts[0] != 0:
+        raise InputError(
+            f"{path}.times must start at 0 s, where the muscle is at its ambient temperature, but start at "
+            f"{seconds[0]:g} s with {volts[0]:g} V; subtract {seconds[0]:g} s, or give the voltage before"
+        )
 
 
 def _check_above_ambient(path: str, tcam: TCAM) -> None:
-    allowed = "more than {:g} [K], the ambient temperature"
+    allowed = "more than {:g} K, the ambient temperature"
     for name in ("limit_temperature", "reference_temperature"):
         _check_order(f"{path}.{name}", getattr(tcam, name), tcam.ambient_temperature, np.greater, allowed)
 
@@ -174,9 +188,7 @@ def _check_order(path: str, value: Any, other: Any, holds: np.ufunc, allowed: st
     """That `holds(value, other)`, where both can be looked at."""
     first, second = concrete(value), concrete(other)
     if first is not None and second is not None and (bad := ~holds(first, second)).any():
-        raise SceneError(
-            f"{path}: {_first(first, bad):g} is not allowed; allowed: {allowed.format(_first(second, bad))}"
-        )
+        raise InputError(f"{path} must be {allowed.format(_first(second, bad))}, but is {_first(first, bad):g}")
 
 
 def _first(values: np.ndarray, where: np.ndarray) -> float:

@@ -22,6 +22,7 @@ _TINY_LOAD = 1e-9  # fraction of the load that counts as none
 # What ties a point to the branch it came from, in radians and lengths:
 _DRIFT = 0.5  # Newton's steps from a prediction together move the pose by at most this,
 _CONTRACTION = 0.5  # and each by at most this times the one before;
+_IN_SIGHT = 1e-2  # part of the load reached within which the determinant must vanish for a limit point to be claimed
 _DETERMINANT_LOSS = 0.6  # a load step may be predicted to take at most this part of the determinant, 0 at a limit point
 
 Unknowns = Any  # a pytree of arrays [..., batch]: what Newton solves for is the formulation's affair
@@ -133,7 +134,9 @@ def advance(branch: Branch, correction: Correction, stepping: Stepping, predict:
     stuck = rejected & (load_step < stepping.min_load_step * jnp.maximum(here_load, _TINY_LOAD))
     exhausted = ~arrived & (branch.iterations + 1 >= stepping.max_iterations)
     outcome = jnp.where(exhausted, code_of(Outcome.iterations_exhausted), branch.outcome)
-    outcome = jnp.where(stuck, reason(correction.usable, jacobian), outcome)
+    why = reason(correction.usable, jacobian)
+    is_false = (why == code_of(Outcome.limit_point)) & (determinant(jacobian) > _IN_SIGHT * here_load * loss)
+    outcome = jnp.where(stuck, jnp.where(is_false, code_of(Outcome.not_followed), why), outcome)
     onward = ~(arrived | stuck | exhausted)
     new = Branch(
         unknowns=here, load=here_load, rate=here_rate, jacobian=jacobian, loss=loss, load_step=load_step,

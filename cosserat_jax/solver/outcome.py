@@ -18,8 +18,9 @@ class Outcome(eqx.Enumeration):
         "equilibrium is lost at a limit point before the full load is reached: the arm would snap; lower the load"
     )
     ill_conditioned = (
-        "single shooting loses the equilibrium, as that of a soft arm pulled taut, for which double precision holds no "
-        "pose of the tip that meets the base; use MultipleShooting(), as solve and sweep do outside jit and vmap"
+        "double precision loses the equilibrium, as that of a soft arm under high axial tension, for which no pose of "
+        "the tip that it holds meets the base; use MultipleShooting(), as solve and sweep do outside jit and vmap, or "
+        "more of its intervals"
     )
     inaccurate = (
         "the equilibrium is found, but the error of the integration is estimated above the one asked for; give more "
@@ -34,6 +35,10 @@ class Outcome(eqx.Enumeration):
         "the given contractions do not tell the tensions apart: tension can be traded between these muscles without a "
         "change of length, as between two on one path; give one of them its tension instead"
     )
+    not_followed = (
+        "the equilibrium could not be followed up to the full load, although no limit point is in sight; use "
+        "MultipleShooting() with more intervals, or more steps"
+    )
 
 
 class ResponseOutcome(eqx.Enumeration):
@@ -47,6 +52,10 @@ class ResponseOutcome(eqx.Enumeration):
     no_coil = (
         "these constants make no coil: its angle has a cosine outside 0 to 1; check fiber_length, turns, fiber_radius, "
         "the two moduli and coiling_mass"
+    )
+    voltage_not_resolved = (
+        "the voltage, a function of time, has features too short to be seen between two instants; give its "
+        "longest_step, or use Pulses, Step or Sampled, which know their jumps"
     )
     integration_failed = (
         "the integration in time did not finish; raise max_steps, loosen rtol and atol, or use an implicit solver such "

@@ -1,7 +1,11 @@
 """What a solve gives back."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .outcome import Outcome
@@ -14,6 +18,9 @@ class Pose(eqx.Module):
     y: Float[Array, "..."]
     theta: Float[Array, "..."]
 
+    def __repr__(self) -> str:
+        return _with_units(self, {"x": "m", "y": "m", "theta": "rad"})
+
 
 class SectionStrains(eqx.Module):
     """Stretch nu, shear eta, curvature mu [1/m] and in-plane stretch beta of a cross-section."""
@@ -22,6 +29,9 @@ class SectionStrains(eqx.Module):
     eta: Float[Array, "..."]
     mu: Float[Array, "..."]
     beta: Float[Array, "..."]
+
+    def __repr__(self) -> str:
+        return _with_units(self, {"nu": "", "eta": "", "mu": "1/m", "beta": ""})
 
 
 class Fields(eqx.Module):
@@ -81,6 +91,12 @@ class Solution(eqx.Module):
     failed_at: Float[Array, "..."]
     tensions: Float[Array, "... muscles"]
 
+    def __repr__(self) -> str:
+        if isinstance(self.outcome._value, Tracer) or jnp.ndim(self.outcome._value) > 0:
+            return f"Solution({jnp.shape(self.residual)} rods, tip {self.tip})"
+        tensions = f"\n  tensions {_values(self.tensions, 'N')}" if self.tensions.size else ""
+        return f"Solution: {self.message}\n  tip {self.tip}\n  tip strain {self.tip_strain}{tensions}"
+
     @property
     def message(self) -> str:
         """What came of one rod, in a sentence, and for one without solution at which part of the load and where."""
@@ -99,3 +115,21 @@ class Solution(eqx.Module):
     def tilt(self) -> Float[Array, "..."]:
         """alpha - theta at the tip [rad]: the angle from the cross-section's director a to the centerline's tangent."""
         return jnp.arctan2(self.tip_strain.eta, self.tip_strain.nu)
+
+
+def _with_units(part: Any, units: dict[str, str]) -> str:
+    """The fields of a part as "x 0.379133 m, y ..."."""
+    return ", ".join(f"{name} {_values(getattr(part, name), unit)}" for name, unit in units.items())
+
+
+def _values(values: Any, unit: str) -> str:
+    """Numbers with their unit; of many their range, of what JAX traces its kind."""
+    if isinstance(values, Tracer) or not eqx.is_array_like(values):
+        return str(values)
+    array = np.asarray(values)
+    if array.size <= 4:
+        text = " and ".join(f"{number:.6g}" for number in array.ravel())
+    else:
+        finite = array[np.isfinite(array)]
+        text = f"{finite.min():.6g} to {finite.max():.6g}" if finite.size else "nan"
+    return f"{text} {unit}".rstrip()

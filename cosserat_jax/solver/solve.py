@@ -11,7 +11,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..numerics import batching
-from ..scene import Scene, SceneError
+from ..scene import InputError, Scene
 from ..scene.quantity import as_floats, is_traced
 from .equilibrium import Equilibrium, equilibrium
 from .method import Method, MultipleShooting, SingleShooting, methods_of, tableau_of
@@ -49,7 +49,7 @@ def solve(
     **Returns:** a `Solution`.
 
     **Raises:** `SolveError` with the outcome's sentence if the rod has no solution; `RuntimeError` if double precision
-    is off; `SceneError` for a scene with a muscle that a TCAM drives: its tension changes with time, which is what
+    is off; `InputError` for a scene with a muscle that a TCAM drives: its tension changes with time, which is what
     `actuate` is for.
     """
     if not jax.config.read("jax_enable_x64"):
@@ -71,10 +71,10 @@ def solve(
 
 
 def check_steady(scene: Scene) -> None:
-    """Raises `SceneError` for a scene whose equilibrium changes with time."""
+    """Raises `InputError` for a scene whose equilibrium changes with time."""
     for i, muscle in enumerate(scene.muscles):
         if muscle.tcam is not None:
-            raise SceneError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
+            raise InputError(f"muscles.{i}.tcam: makes a tension that changes with time; allowed: actuate")
 
 
 def places_of(points: int | tuple[float, ...]) -> Float[np.ndarray, " points"]:

@@ -2,7 +2,11 @@
 
 The time is cut at every instant asked for and at every jump of the voltage, and each interval is mapped to [0, 1] and
 integrated on its own, all of them by one compiled integration. So no step straddles a jump, and derivatives with
-respect to the instants, those of the jumps too, are exact.
+respect to the instants, those of the jumps too, are exact. Where a jump falls on an instant asked for, the value there
+is that before the jump, and so is its derivative.
+
+A voltage that is a Python function has no jumps to cut at. It is sampled on each interval: where the samples jump,
+steps are at most two of their spacings, and a feature that only one or two of them see is not resolved.
 """
 
 from typing import Any, NamedTuple
@@ -30,10 +34,15 @@ from ..physics.tcam import (
     state_rate,
     tension_gain,
 )
-from ..scene import TCAM, AbstractVoltage, SceneError, Sinusoid, validate_tcam
+from ..scene import TCAM, AbstractVoltage, InputError, Sinusoid, VoltageFunction, validate_tcam
 from ..scene.quantity import as_floats, concrete
 from .method import TimeStepping, error_norm
 from .outcome import ResponseOutcome
+
+_SAMPLES = 128  # of a voltage function on each interval
+_ROUGH = 0.125  # change of v^2 between two samples, of its range on the interval, from which it counts as a jump
+_FLAT = 1e-9  # range of v^2 on an interval, of its largest there, that is rounding
+_SAME_INSTANT = 1e-12  # of the last time: instants that differ by rounding
 
 
 class Peak(NamedTuple):
@@ -74,7 +83,7 @@ def tcam_response(
     It starts from `initial`, by default at ambient temperature and at rest. `method` is by default
     `TimeStepping.suited_to(tcam)`. Works under `jit`, `vmap`, `grad` and `jacfwd`, with respect to every float of
     `tcam`, the times and the initial state. Does not raise for what comes of it: see `Response.outcome`. Raises
-    `SceneError` for a constant or times that are not allowed.
+    `InputError` for a constant or times that are not allowed.
     """
     validate_tcam(tcam)
     _check_times(times)
@@ -84,12 +93,12 @@ def tcam_response(
 
 
 def _check_times(times: ArrayLike) -> None:
-    """Raises `SceneError` unless `times` are instants from 0 on in ascending order; traced ones pass."""
+    """Raises `InputError` unless `times` are instants from 0 on in ascending order; traced ones pass."""
     seconds = concrete(times)
     if np.ndim(times) != 1 or np.size(times) == 0:
-        raise SceneError(f"times: an array of shape {np.shape(times)}; allowed: one axis, not empty")
+        raise InputError(f"times: an array of shape {np.shape(times)}; allowed: one axis, not empty")
     if seconds is not None and not (np.isfinite(seconds).all() and (np.diff(seconds, prepend=0.0) >= 0).all()):
-        raise SceneError("times: not in order; allowed: finite numbers [s], from 0 on, ascending")
+        raise InputError("times: not in order; allowed: finite numbers [s], from 0 on, ascending")
 
 
 @eqx.filter_jit
@@ -102,7 +111,7 @@ def _response(tcam: TCAM, times: Float[Array, " times"], start: TCAMState, metho
 
     found = by_forward_mode(of, floats)
     outcome = _outcome(found)
-    known = ~((outcome == ResponseOutcome.integration_failed) | (outcome == ResponseOutcome.no_coil))
+    known = (outcome == ResponseOutcome.followed) | (outcome == ResponseOutcome.overheated)
     asked, peak = jax.tree.map(lambda leaf: jnp.where(known, leaf, jnp.nan), (found.asked, found.peak))
     return Response(
         times=times,
@@ -126,38 +135,43 @@ class _Found(NamedTuple):
     steps: Float[Array, ""]
     finished: Float[Array, ""]
     has_coil: Float[Array, ""]
+    is_resolved: Float[Array, ""]
     heat_above_limit: Float[Array, ""]
 
 
 def _found(tcam: TCAM, times: Float[Array, " times"], start: TCAMState, method: TimeStepping) -> _Found:
     breaks = _voltage(tcam).breaks
     watched = jnp.linspace(0.0, times[-1], method.watch + 1)[1:]
-    instants = jnp.concatenate([times, watched, jnp.clip(breaks, 0.0, times[-1])])
-    order = jnp.argsort(instants)
-    edges = jnp.concatenate([jnp.zeros(1), instants[order]])
-    pieces = jnp.searchsorted(breaks, (edges[1:] + edges[:-1]) / 2, side="right")
-    states, steps, finished = _integrate(tcam, edges, pieces, method, start)
+    others = jnp.concatenate([times, watched])
+    within = jnp.where(breaks < 0, 0.0, jnp.where(breaks > times[-1], times[-1], breaks))
+    # a break comes after the instants that it falls on, and breaks that coincide keep their order
+    order = jnp.argsort(jnp.concatenate([others, lax.cummax(within)]))
+    edges = jnp.concatenate([jnp.zeros(1), jnp.concatenate([others, within])[order]])
+    is_break = order >= others.size
+    pieces = jnp.cumsum(is_break) - is_break  # the breaks that lie before each interval
+    states, steps, finished, resolved = _integrate(tcam, edges, pieces, method, start)
     at = jnp.argsort(order)[: times.size]  # where each of the times went
     rises = jnp.concatenate([jnp.atleast_1d(start.rise), states.rise])
-    peak = _peak(tcam, edges, pieces, rises)
+    peak = _peak(tcam, edges, pieces, rises, is_break | ~_on_breaks(edges[1:], within))
     cosines = jnp.asarray(coil_cosine(tcam, rises if tcam.dynamics == "full" else 0.0))
     return _Found(
         asked=jax.tree.map(lambda state: state[at], states),
         peak=peak,
         steps=steps.astype(float),
         finished=(finished & jnp.isfinite(rises).all()).astype(float),
-        has_coil=((cosines > 0) & (cosines <= 1)).all().astype(float),
+        has_coil=_is_coil(cosines).all().astype(float),
+        is_resolved=resolved.astype(float),
         heat_above_limit=peak.temperature - tcam.limit_temperature,
     )
 
 
 def _integrate(
     tcam: TCAM, edges: Float[Array, " edges"], pieces: Int[Array, " intervals"], method: TimeStepping, start: TCAMState
-) -> tuple[TCAMState, Int[Array, ""], Bool[Array, ""]]:
-    """The states at the later edge of every interval, the steps taken, and whether all came through."""
+) -> tuple[TCAMState, Int[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
+    """The states at the later edge of every interval, the steps taken, whether all came through, and whether the steps
+    were short enough for the voltage."""
     units, state_of = ravel_pytree(_scales(tcam))
     drive = _voltage(tcam)
-    longest = lax.stop_gradient(drive.step_limit)
 
     def interval(carry: tuple[TCAMState, Array], span: tuple[Array, Array, Array]) -> tuple[tuple, tuple]:
         (state, came_through), (begin, end, piece) = carry, span
@@ -169,6 +183,7 @@ def _integrate(
             return ravel_pytree(rate)[0] * (length / units)
 
         held = lax.stop_gradient(length)
+        longest, resolved = _longest_step(drive, lax.stop_gradient(begin), held)
         dtmax = jnp.where(held > 0, longest / jnp.where(held > 0, held, 1.0), 1.0)
         dt0 = batched_with(state, jnp.minimum(dtmax, 1.0))
         solution = diffrax.diffeqsolve(
@@ -186,11 +201,45 @@ def _integrate(
         ys: Any = solution.ys
         there = state_of(ys[-1] * units)
         came_through &= solution.result == diffrax.RESULTS.successful
-        return (there, came_through), (there, solution.stats["num_steps"])
+        return (there, came_through), (there, solution.stats["num_steps"], resolved)
 
-    begin = batched_with(tcam, (start, True))
-    (_, came_through), (states, steps) = lax.scan(interval, begin, (edges[:-1], edges[1:], pieces))
-    return states, steps.sum(), came_through
+    is_coil = _is_coil(coil_cosine(tcam, start.rise if tcam.dynamics == "full" else 0.0))
+    begin = batched_with(tcam, (start, is_coil))  # what is none is not integrated
+    (_, came_through), (states, steps, resolved) = lax.scan(interval, begin, (edges[:-1], edges[1:], pieces))
+    return states, steps.sum(), came_through, resolved.all()
+
+
+def _is_coil(cosine: Any) -> Array:
+    return jnp.asarray((cosine > 0) & (cosine <= 1))
+
+
+def _longest_step(drive: AbstractVoltage, begin: Array, length: Array) -> tuple[Any, Any]:
+    """The longest step [s] on an interval, and whether it resolves all that the voltage is seen to do there.
+
+    The samples of a voltage function are spread evenly and shifted from interval to interval (an additive recurrence,
+    Roberts 2018), so that pulses in step with the intervals do not slip between them.
+    """
+    limit = lax.stop_gradient(drive.step_limit)
+    if not isinstance(drive, VoltageFunction):
+        return limit, jnp.asarray(True)
+    spacing = length / _SAMPLES
+    shifts = jnp.mod(begin / jnp.where(length > 0, length, 1.0) * 0.6180339887 + jnp.arange(_SAMPLES) * 0.7548776662, 1)
+    squares = lax.stop_gradient(drive(begin + spacing * (jnp.arange(_SAMPLES) + shifts))) ** 2
+    change = jnp.diff(squares)
+    extent = squares.max() - squares.min()
+    jumps = (jnp.abs(change) > _ROUGH * extent) & (extent > _FLAT * squares.max())
+    returns = [jumps[:-n] & jumps[n:] & (change[:-n] * change[n:] < 0) for n in (1, 2)]
+    is_narrow = (returns[0].any() | returns[1].any()) & (limit > spacing)
+    return jnp.minimum(limit, jnp.where(jumps.any(), 2 * spacing, jnp.inf)), ~is_narrow
+
+
+def _on_breaks(instants: Float[Array, " n"], breaks: Float[Array, " breaks"]) -> Bool[Array, " n"]:
+    """Which of the instants fall on one of the breaks, but for rounding."""
+    if breaks.size == 0:
+        return jnp.zeros(instants.shape, bool)
+    after = jnp.clip(jnp.searchsorted(breaks, instants), 0, breaks.size - 1)
+    distance = jnp.abs(instants[None] - breaks[jnp.stack([after, jnp.maximum(after - 1, 0)])]).min(0)
+    return distance <= _SAME_INSTANT * instants[-1]
 
 
 def _voltage(tcam: TCAM) -> AbstractVoltage:
@@ -211,12 +260,14 @@ def _scales(tcam: TCAM) -> TCAMState:
 def _outcome(found: _Found) -> ResponseOutcome:
     too_hot = found.heat_above_limit > 0
     outcome = ResponseOutcome.where(too_hot, ResponseOutcome.overheated, ResponseOutcome.followed)
+    outcome = ResponseOutcome.where(found.is_resolved == 1, outcome, ResponseOutcome.voltage_not_resolved)
     outcome = ResponseOutcome.where(found.finished == 1, outcome, ResponseOutcome.integration_failed)
     return ResponseOutcome.where(found.has_coil == 0, ResponseOutcome.no_coil, outcome)
 
 
-def _peak(tcam: TCAM, edges: Array, pieces: Array, rises: Float[Array, " edges"]) -> Peak:
-    """The highest of the rises and of the cubics through them and their rates, interval by interval."""
+def _peak(tcam: TCAM, edges: Array, pieces: Array, rises: Float[Array, " edges"], counts: Array) -> Peak:
+    """The highest of the rises and of the cubics through them and their rates, of the intervals that count: of those
+    that end at one instant, the one that ends with the break, with which the peak moves."""
     begin, end, low, high = edges[:-1], edges[1:], rises[:-1], rises[1:]
     length = end - begin
     drive = _voltage(tcam)
@@ -228,7 +279,7 @@ def _peak(tcam: TCAM, edges: Array, pieces: Array, rises: Float[Array, " edges"]
     root = jnp.sqrt(jnp.where(has_top, square**2 - 3 * cube * first, 1.0))
     tau = jnp.where(has_top, first / jnp.where(has_top, root - square, 1.0), 1.0)
     tops = low + tau * (first + tau * (square + tau * cube))
-    best = jnp.argmax(tops)
+    best = jnp.argmax(jnp.where(counts | has_top, tops, -jnp.inf))
     hottest, when = tops[best], begin[best] + tau[best] * length[best]
     at_start = rises[0] >= hottest
     return Peak(tcam.ambient_temperature + jnp.where(at_start, rises[0], hottest), jnp.where(at_start, edges[0], when))

@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ..scene import TCAM, Scene, SceneError
+from ..scene import TCAM, InputError, Scene
 from ..scene.quantity import as_floats
 from ..solver import Method, Response, Solution, TimeStepping, tcam_response
 from ..solver.solve import places_of
@@ -57,12 +57,12 @@ def actuate(
     muscle.
 
     Works under `jit`, `grad`, `jacfwd` and `vmap`, with respect to every float of the scene. Does not raise for what
-    comes of it: see `Response.outcome` and `Solution.outcome`. Raises `SceneError` for a scene without a TCAM, and for
+    comes of it: see `Response.outcome` and `Solution.outcome`. Raises `InputError` for a scene without a TCAM, and for
     times that are not allowed.
     """
     driven: dict[int, TCAM] = {i: muscle.tcam for i, muscle in enumerate(scene.muscles) if muscle.tcam is not None}
     if not driven:
-        raise SceneError("muscles: none has a tcam; allowed: at least one muscle that a TCAM drives")
+        raise InputError("muscles: none has a tcam; allowed: at least one muscle that a TCAM drives")
     responses = {i: tcam_response(tcam, times, stepping) for i, tcam in driven.items()}
     tensions = {i: response.tension for i, response in responses.items()}
     scene = as_floats(scene)

@@ -69,7 +69,8 @@ def _solved(
     scene: Scene, method: SingleShooting | MultipleShooting, places: np.ndarray, store: Checkpoint | None, index: int
 ) -> list[np.ndarray]:
     """The leaves of one batch's solutions, taken from the checkpoint where it has them."""
-    leaves = None if store is None else store.load(index)
+    rows = max(np.shape(leaf)[0] for leaf in jax.tree.leaves(scene) if np.ndim(leaf))
+    leaves = None if store is None else store.load(index, rows)
     if leaves is None:
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(solve_batch(scene, method, places))]
         if store is not None:

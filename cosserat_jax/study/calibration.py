@@ -17,6 +17,10 @@ from .uncertainty import Uncertainty, not_told_apart, uncertainty
 
 _SETTLED = 1e-3  # of a standard error: what one more step would still move
 _EXACT = 1e-7  # misfit, in units of sigma or of the data's spread, that counts as none
+_NO_MISFIT = 1e-6  # of chi squared for each degree of freedom: data without noise
+_RARE, _FAR = 1e-3, 2.0  # chance of a chi squared, and its distance from 1, of which to warn
+_OUTLYING = 6.0  # standard errors
+_HARDLY_PULLED = 3.0  # sigma
 _AT_BOUND = 1e-3  # of the way from one bound to the other
 
 
@@ -28,7 +32,8 @@ class Calibration:
       one that stands at a bound.
     - `fitted`: the scene with these values in it, which runs, and which `dumps` writes as a file.
     - `converged`, `message`, `warnings`: whether this is a minimum; rows without equilibrium, parameters that stand at
-      a bound, or that the data cannot tell apart.
+      a bound, or that the data cannot tell apart; misfits that sigma does not explain, outliers. `noted`: those that
+      were known before the search.
     - `searches`: where each start ended; `minimum` is that of the smallest loss.
     - `measured`, `predicted`, `residuals`: one for each table of data.
     """
@@ -39,6 +44,7 @@ class Calibration:
     searches: Minimum
     solver: Any
     max_steps: int
+    noted: tuple[str, ...] = ()
 
     @cached_property
     def minimum(self) -> Minimum:
@@ -202,6 +208,10 @@ class Calibration:
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting the values, a sentence each."""
         lines = [
+            *self.noted,
+            *self._misfit_lines(),
+        ]
+        lines += [
             f"{path} stands at its bound, {bound:g}, and has no standard error" for path, bound in self.at_bound.items()
         ]
         lines += [
@@ -213,6 +223,59 @@ class Calibration:
             count = f"{self.taken} measurements for {len(self._inside)} parameters"
             lines.append(f"{count} leave no residual to take a standard error from; give sigma")
         return tuple(lines)
+
+    @property
+    def chi2_per_dof(self) -> float | None:
+        """Sum of squares of residual / sigma for each degree of freedom; None where sigma is not known."""
+        return float(np.sum(self._deviations**2)) / self.dof if self.sigma_known and self.dof > 0 else None
+
+    def _misfit_lines(self) -> list[str]:
+        """Where the residuals are not what sigma, or the others among them, promise."""
+        lines, deviations = [], np.abs(self._deviations)
+        linear = int(self.problem.bend) == 0 and self.problem.rho is None
+        per_dof = self.chi2_per_dof
+        if linear and per_dof is not None and per_dof > _NO_MISFIT:
+            from scipy.special import chdtr, chdtrc  # here, not above: it takes long to import
+
+            chance = min(chdtr(self.dof, per_dof * self.dof), chdtrc(self.dof, per_dof * self.dof))
+            if chance < _RARE and not 1 / _FAR < per_dof < _FAR:
+                what = (
+                    "the scene does not explain the data, or sigma is too small"
+                    if per_dof > 1
+                    else "sigma is too large"
+                )
+                lines.append(f"chi squared is {per_dof:.3g} for each degree of freedom, far from 1: {what}")
+        if not linear and self.sigma_known and np.median(deviations) > _HARDLY_PULLED:
+            lines.append(
+                f"half of the measurements lie more than {np.median(deviations):.3g} sigma off, where a robust loss "
+                "hardly pulls: it may have stopped far from the minimum"
+            )
+        scale = 1.0 if self.sigma_known else 1.4826 * float(np.median(deviations))
+        far = np.flatnonzero(deviations > _OUTLYING * scale)
+        if linear and 0 < far.size <= self.taken / 3 and np.sqrt(np.mean(deviations**2)) > _EXACT:
+            worst = far[np.argmax(deviations[far])]
+            lines.append(
+                f"{far.size} of {self.taken} measurements are outliers, {self._name_of(int(worst))} by "
+                f"{deviations[worst] / scale:.3g} standard errors; check them, or give sigma and loss='soft_l1'"
+            )
+        return lines
+
+    @cached_property
+    def _deviations(self) -> Float[np.ndarray, " taken"]:
+        """Residual / sigma of what was measured, as no loss has bent it; 0 in a row without equilibrium."""
+        taken = ~np.isnan(self.problem.observed)
+        off = (np.asarray(self.minimum.predicted) - self.problem.observed) / self.problem.sigma
+        return np.nan_to_num(np.asarray(off)[taken])
+
+    def _name_of(self, number: int) -> str:
+        """What and where the measurement of this number among those taken is."""
+        i = int(np.flatnonzero(~np.isnan(self.problem.observed))[number])
+        for table in self.measured:
+            if i < table.values.size:
+                row, column = divmod(i, len(table.observables))
+                return f"{table.observables[column].name} in row {row} of {table.name}"
+            i -= table.values.size
+        raise AssertionError("every measurement is in a table")
 
     def bootstrap(self, repeats: int = 200, seed: int = 0) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Values and standard errors of `repeats` fits, in one batch, to data drawn anew: what the fitted scene says,

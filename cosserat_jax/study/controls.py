@@ -21,7 +21,7 @@ from jaxtyping import Float
 from ..physics.rod import Rod
 from ..physics.section_laws import ReferenceSection
 from ..physics.tcam import conductance_at, tension_gain
-from ..scene import TCAM, Scene, SceneError, lookup, replace, to_si, unit_of
+from ..scene import TCAM, InputError, Scene, lookup, replace, to_si, unit_of
 from .actuate import with_tensions
 from .free import Free, free_parameters
 
@@ -58,11 +58,11 @@ def unit_of_control(scene: Scene, path: str) -> str:
 
 
 def check_driven(scene: Scene, controls: Iterable[Control]) -> None:
-    """Raises `SceneError` for a TCAM with a voltage that is not free, whose tension would change with time."""
+    """Raises `InputError` for a TCAM with a voltage that is not free, whose tension would change with time."""
     free = {control.path for control in controls}
     for i, muscle in enumerate(scene.muscles):
         if muscle.tcam is not None and muscle.tcam.voltage is not None and f"muscles.{i}.tension" not in free:
-            raise SceneError(
+            raise InputError(
                 f"muscles.{i}.tcam.voltage: makes a tension that changes with time; allowed: to let it be free too, "
                 "or no voltage, which is a muscle without tension"
             )
@@ -78,13 +78,13 @@ def controls_of(scene: Scene, free: Iterable[str] | Mapping[str, Any]) -> tuple[
     """`free`, paths or {path: (lower, upper)} as for `free_parameters`, as controls with finite bounds.
 
     A tension without an upper bound gets `default_limit`; a voltage is bounded by the muscle's `limit_temperature`.
-    Raises `SceneError` for a path that cannot be turned, and for any other parameter without finite bounds.
+    Raises `InputError` for a path that cannot be turned, and for any other parameter without finite bounds.
     """
     given = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     for path in given:
         matched = _TENSION.fullmatch(path)
         if matched and int(matched[1]) < len(scene.muscles) and scene.muscles[int(matched[1])].tcam is not None:
-            raise SceneError(f"{path}: a TCAM makes it; allowed: muscles.{matched[1]}.tcam.voltage")
+            raise InputError(f"{path}: a TCAM makes it; allowed: muscles.{matched[1]}.tcam.voltage")
     voltages = {path: _voltage_control(scene, path, bounds) for path, bounds in given.items() if is_voltage(path)}
     rest = {path: bounds for path, bounds in given.items() if path not in voltages}
     if voltages and not rest:
@@ -119,9 +119,9 @@ def _bounded(scene: Scene, free: Free) -> Control:
         upper = default_limit(scene, int(matched[1]))
     if not math.isfinite(free.lower) or not math.isfinite(upper):
         missing = "upper" if math.isfinite(free.lower) else "lower"
-        raise SceneError(f"{free.path}: has no {missing} bound; allowed: finite bounds, LOWER:UPPER {free.unit}")
+        raise InputError(f"{free.path}: has no {missing} bound; allowed: finite bounds, LOWER:UPPER {free.unit}")
     if not free.lower < upper:
-        raise SceneError(
+        raise InputError(
             f"{free.path}: lower bound {free.lower:g} is above the limit {upper:g}; allowed: an upper bound"
         )
     return Control(free._replace(upper=upper), free.path, free.lower, upper)
@@ -132,13 +132,13 @@ def _voltage_control(scene: Scene, path: str, bounds: Any) -> Control:
     tcam = scene.muscles[number].tcam if number < len(scene.muscles) else None
     if tcam is None:
         lookup(scene, path)  # raises, and says what is missing
-        raise SceneError(f"{path}: no such parameter")
+        raise InputError(f"{path}: no such parameter")
     gain, limit = float(tension_gain(tcam)), float(tcam.limit_temperature - tcam.ambient_temperature)
     if not gain > 0:
-        raise SceneError(f"{path}: this muscle makes no tension; check muscles.{number}.tcam.tension_gain and its coil")
+        raise InputError(f"{path}: this muscle makes no tension; check muscles.{number}.tcam.tension_gain and its coil")
     highest = float(np.sqrt(_squared_voltage(tcam, limit)))
     if not highest > 0:
-        raise SceneError(f"{path}: no voltage holds a temperature; check muscles.{number}.tcam.conductance")
+        raise InputError(f"{path}: no voltage holds a temperature; check muscles.{number}.tcam.conductance")
     lower, upper = _voltage_bounds(path, bounds, highest)
     tensions = [gain * _rise_at(tcam, voltage, limit) for voltage in (lower, upper)]
     return Control(Free(path, "V", lower, lower, upper), f"muscles.{number}.tension", tensions[0], tensions[1], tcam)
@@ -150,7 +150,7 @@ def _voltage_bounds(path: str, bounds: Any, highest: float) -> tuple[float, floa
     upper = highest if high is None else min(to_si(high, "V", path), highest)
     if not 0 <= lower < upper:
         allowed = f"a lower one of at least 0, below {highest:g} [V], which brings the muscle to its limit_temperature"
-        raise SceneError(f"{path}: bounds {lower:g} to {upper:g} [V] are not allowed; allowed: {allowed}")
+        raise InputError(f"{path}: bounds {lower:g} to {upper:g} [V] are not allowed; allowed: {allowed}")
     return lower, upper
 
 

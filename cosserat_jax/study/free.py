@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..scene import Quantity, Scene, SceneError, lookup, to_si
+from ..errors import quoted
+from ..scene import InputError, Quantity, Scene, lookup, to_si
 from ..scene.quantity import Interval, Scalar
 
 
@@ -28,38 +29,38 @@ def free_parameters(
     """`free`, paths or {path: (lower, upper)}, as `Free`s that start at the scene's values.
 
     A bound is a number in SI or a string with a unit; None, for one or for both, is what the parameter may be at all.
-    Raises `SceneError` for a path that cannot be free, and for bounds that are not allowed or, where the study starts
+    Raises `InputError` for a path that cannot be free, and for bounds that are not allowed or, where the study starts
     `from_scene`, leave out the scene's value.
     """
     bounds = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not bounds:
-        raise SceneError("free: nothing is free; allowed: paths of parameters, such as arm.youngs_modulus")
+        raise InputError("free must name parameters, such as arm.youngs_modulus, but is empty")
     return tuple(_free(scene, path, given, from_scene) for path, given in bounds.items())
 
 
 def _free(scene: Scene, path: str, bounds: Any, from_scene: bool) -> Free:
     value, rule = lookup(scene, path)
     if not isinstance(rule, Quantity) or rule.components > 1:
-        raise SceneError(f"{path}: cannot be free; allowed: a parameter that is one number")
+        raise InputError(f"{path} must be a parameter that is one number to be free, but is none")
     if value is None:
-        raise SceneError(f"{path}: has no value in this scene to start from; allowed: give it one")
+        raise InputError(f"{path} must have a value in this scene to start from, but has none")
     start, allowed = float(value), rule.allowed
     low, high = (None, None) if bounds is None else _two(path, bounds)
     lower = allowed.lower if low is None else to_si(low, rule.unit, path)
     upper = allowed.upper if high is None else to_si(high, rule.unit, path)
     text = f"{lower:g} to {upper:g} [{rule.unit}]"
     if not lower < upper or np.isnan([lower, upper]).any():
-        raise SceneError(f"{path}: bounds {text} are not allowed; allowed: a lower one below an upper one")
+        raise InputError(f"{path} must have a lower bound below its upper bound, but is {text}")
     if lower < allowed.lower or upper > allowed.upper:
-        raise SceneError(f"{path}: bounds {text} are not allowed; allowed: {allowed} [{rule.unit}]")
+        raise InputError(f"{path} must be {allowed} within its bounds, but they are {text}")
     if from_scene and not Interval(lower, upper).holds(start):
-        raise SceneError(f"{path}: starts at {start:g}, outside its bounds; allowed: {text}")
+        raise InputError(f"{path} must start within its bounds, {text}, but starts at {start:g}")
     return Free(path, rule.unit, start, lower, upper)
 
 
 def _two(path: str, bounds: Any) -> tuple[Any, Any]:
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
-        raise SceneError(f"{path}: bounds {bounds!r} are not allowed; allowed: (lower, upper)")
+        raise InputError(f"{path} must have bounds (lower, upper), but has {quoted(bounds)}")
     return bounds[0], bounds[1]
 
 
@@ -94,8 +95,8 @@ class Unbounded(NamedTuple):
         values = [np.clip(one.start, *_inside(one)) for one in self.free]
         for one in self.free:
             if np.isinf(one.upper) != np.isinf(one.lower) and one.start in (one.lower, one.upper):
-                raise SceneError(
-                    f"{one.path}: starts at its bound, {one.start:g}; allowed: another value to start from"
+                raise InputError(
+                    f"{one.path} must start inside its bounds, but starts at one, {one.start:g}; give another value"
                 )
         return np.asarray(self.at(jnp.array(values)))
 

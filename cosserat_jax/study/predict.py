@@ -49,7 +49,7 @@ class Model(eqx.Module):
             observables=measured.observables,
             inputs={path: jnp.asarray(values) for path, values in inputs.items()},
             rod_of_row=tuple(rod_of_row.tolist()),
-            times=None if measured.times is None else jnp.asarray(measured.times),
+            times=None if measured.times is None else jnp.asarray(measured.times - measured.start),
             voltages={i: jnp.asarray(volts) for i, volts in measured.voltages.items()},
             method=method,
             places=(0.0, *places, 1.0),

@@ -6,6 +6,7 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..scene import Scene, replace
@@ -24,6 +25,7 @@ class Problem(AbstractProblem):
 
     - `observed`: what was measured, NaN where nothing was. `sigma`: the unit of its misfit, its standard error or,
       where that is not known, the spread of all that was measured. `lost`: the misfit where there is no equilibrium.
+    - `bend`: the number of the robust loss among `LOSSES`, data to the compiled program; `rho`: a loss of the user's.
     """
 
     scene: Scene
@@ -31,8 +33,9 @@ class Problem(AbstractProblem):
     observed: Float[Array, " values"]
     sigma: Float[Array, " values"]
     lost: Float[Array, " values"]
+    bend: Float[Array, ""]
     unbounded: Unbounded = eqx.field(static=True)
-    rho: Loss = eqx.field(static=True)
+    rho: Callable | None = eqx.field(static=True)
 
     def predict(self, u: Float[Array, " params"]) -> Float[Array, " values"]:
         """What the models say, in SI; NaN in a row that has no equilibrium."""
@@ -46,10 +49,10 @@ class Problem(AbstractProblem):
         taken, found = ~jnp.isnan(values), ~jnp.isnan(predicted)
         misfit = (jnp.where(found, predicted, 0.0) - jnp.where(taken, values, 0.0)) / self.sigma
         misfit = jnp.where(taken, jnp.where(found, misfit, self.lost), 0.0)
-        return (LOSSES[self.rho](misfit) if isinstance(self.rho, str) else misfit), predicted
+        return lax.switch(self.bend.astype(int), list(LOSSES.values()), misfit), predicted
 
     def loss(self, misfits: Float[Array, " values"]) -> Float[Array, ""]:
-        return jnp.sum(misfits**2) / 2 if isinstance(self.rho, str) else self.rho(misfits)
+        return jnp.sum(misfits**2) / 2 if self.rho is None else self.rho(misfits)
 
 
 def problem_of(
@@ -73,7 +76,8 @@ def problem_of(
         sigma=jnp.asarray(np.concatenate(sigma)),
         lost=jnp.asarray(np.concatenate(lost)),
         unbounded=unbounded,
-        rho=loss,
+        bend=bend_of(loss),
+        rho=None if isinstance(loss, str) else loss,
     )
 
 
@@ -98,3 +102,8 @@ LOSSES: dict[str, Callable[[Array], Array]] = {  # sign(r) sqrt(rho(r^2)): its s
     "huber": _huber,
     "cauchy": _cauchy,
 }
+
+
+def bend_of(loss: Loss) -> Float[Array, ""]:
+    """The number of a loss among `LOSSES`; a loss of the user's takes misfits as they are."""
+    return jnp.asarray(list(LOSSES).index(loss if isinstance(loss, str) else "linear"), float)

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from ..scene import Scene, SceneError
+from ..scene import InputError, Scene
 from ..solver import Method, outcome_codes
 from .closest import LAST_EPS, Effort, Search, closest
 from .reached import Reach, ReachOutcome
@@ -45,7 +45,7 @@ def reach(
     raise. Rods are solved by single shooting; `MultipleShooting()` as `method` is for arms under high axial
     tension.
 
-    Raises `SceneError` for a target, a path, bounds or an arc length that is not allowed. Needs values at hand: not for
+    Raises `InputError` for a target, a path, bounds or an arc length that is not allowed. Needs values at hand: not for
     use under `jit`, `grad` or `vmap`; to differentiate, use `solve` at `scene_at`.
     """
     arms = Arms.of(scene, free, at, method)
@@ -77,13 +77,13 @@ def _targets(target: ArrayLike, arms: Arms) -> tuple[np.ndarray, np.ndarray]:
     try:
         given = np.asarray(target, dtype=float)
     except (TypeError, ValueError):
-        raise SceneError(f"target: {target!r} is not allowed; allowed: numbers in m") from None
+        raise InputError(f"target: {target!r} is not allowed; allowed: numbers in m") from None
     wanted = (2,) if arms.at.size == 1 else (arms.at.size, 2)
     if given.size == 0 or given.ndim > len(wanted) + 1 or given.shape[-len(wanted) :] != wanted:
         one = ", ".join(map(str, wanted))
-        raise SceneError(f"target: of shape {given.shape}; allowed: ({one}), or (targets, {one}) for several")
+        raise InputError(f"target: of shape {given.shape}; allowed: ({one}), or (targets, {one}) for several")
     if not np.isfinite(given).all():
-        raise SceneError(f"target: {given[~np.isfinite(given)][0]:g} is not allowed; allowed: finite numbers in m")
+        raise InputError(f"target: {given[~np.isfinite(given)][0]:g} is not allowed; allowed: finite numbers in m")
     return given.reshape(-1, 2 * arms.at.size) / arms.length, given
 
 

@@ -1,20 +1,21 @@
 """`sweep`: many load cases at once, a product grid of parameters solved in one compiled batch."""
 
 import dataclasses
-import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import diffrax
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from ..scene import Quantity, Scene, SceneError, dumps, lookup, replace
+from ..scene import InputError, Scene, dumps, replace, sweep_values
+from ..scene.parts import Notes
 from ..solver import Automatic, Method, Solution
 from ..solver.solve import places_of
 from .batch import solve_rods
@@ -46,7 +47,7 @@ class Sweep:
 
 def sweep(
     scene: Scene,
-    over: Mapping[str, ArrayLike],
+    over: Mapping[str, ArrayLike | Sequence[str]],
     method: Method | None = None,
     *,
     points: int | tuple[float, ...] = 101,
@@ -54,19 +55,20 @@ def sweep(
     progress: bool = False,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> Sweep:
-    """Solves `scene` for every combination of the values in `over`, {path: 1-D values in SI}, the first path outermost.
+    """Solves `scene` for every combination of the values in `over`, the first path outermost: {path: values in SI,
+    "START:STOP:STEP UNIT", "V1, V2 UNIT" or a list of quantities with units}.
 
     Rods are solved `batch` at a time by one compiled program, and those that the first of the methods does not solve
     again by the next; `method` and `points` are those of `solve`. `progress` shows a bar on a terminal. With
     `checkpoint`, a folder, every batch is kept as it ends, and the same sweep started again takes up where it was
-    stopped, to the same bits; the folder is yours to remove once the result is safe. Raises `SceneError` for a path or
+    stopped, to the same bits; the folder is yours to remove once the result is safe. Raises `InputError` for a path or
     a value that is not allowed. A rod that has no solution does not raise: see `Sweep.solution.outcome`.
     """
-    grid = {path: _values(scene, path, values) for path, values in over.items()}
+    grid = {path: sweep_values(scene, path, values) for path, values in over.items()}
     if not grid:
-        raise SceneError("sweep: nothing to sweep over; allowed: {path: values}")
+        raise InputError("over must name a parameter to sweep, {path: values}, but is empty")
     if batch < 1:
-        raise SceneError(f"batch: {batch} is not allowed; allowed: at least 1")
+        raise InputError(f"batch must be at least 1, but is {batch}")
     method, places = Automatic() if method is None else method, places_of(points)
     mesh = np.meshgrid(*grid.values(), indexing="ij")
     rods = {path: axis.ravel() for path, axis in zip(grid, mesh, strict=True)}
@@ -75,19 +77,13 @@ def sweep(
     count = math.prod(shape)
     size = min(batch, count)
     store = None if checkpoint is None else Checkpoint(Path(checkpoint), _identity(scene, grid, method, points, size))
-    solved = solve_rods(replace(scene, rods), method, places, size, store, partial(_shown, progress))
+    try:
+        solved = solve_rods(replace(scene, rods), method, places, size, store, partial(_shown, progress))
+    finally:
+        if store is not None:
+            store.close()
     solution = jax.tree.map(lambda leaf: leaf.reshape(shape + leaf.shape[1:]), solved)
     return Sweep(scene, grid, method, solution)
-
-
-def _values(scene: Scene, path: str, values: ArrayLike) -> np.ndarray:
-    _, rule = lookup(scene, path)
-    if not isinstance(rule, Quantity) or rule.components > 1:
-        raise SceneError(f"{path}: cannot be swept; allowed: a parameter that is one number")
-    array = np.asarray(values, dtype=float)
-    if array.ndim != 1 or array.size == 0:
-        raise SceneError(f"{path}: values of shape {array.shape} cannot be swept; allowed: one axis, not empty")
-    return array
 
 
 def _shown(progress: bool, batches: Iterable) -> Iterable:
@@ -98,15 +94,16 @@ def _shown(progress: bool, batches: Iterable) -> Iterable:
     return tqdm(batches, unit="batch", disable=None)  # None: no bar where the output is no terminal
 
 
-def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> str:
+def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> dict[str, str]:
     """What a kept batch must have been solved for: the same scene, grid, method and batch, by the same versions."""
     from .. import __version__
 
-    parts: list[Any] = [
-        dumps(scene),
-        {path: values.tolist() for path, values in grid.items()},
-        repr(method),
-        points,
-        size,
-    ]
-    return hashlib.sha256(json.dumps([*parts, __version__, jax.__version__]).encode()).hexdigest()
+    return {
+        "scene": dumps(dataclasses.replace(scene, notes=Notes())),
+        "grid": json.dumps({path: values.tolist() for path, values in grid.items()}),
+        "method": repr(method),
+        "points": repr(points),
+        "batch size": str(size),
+        **{f"version of {one.__name__}": one.__version__ for one in (jax, diffrax, np)},
+        "version of cosserat_jax": __version__,
+    }

@@ -51,7 +51,7 @@ def uncertainty(
         covariance=covariance * variance,
         stderr=stderr,
         correlation=covariance / jnp.outer(spread, spread),
-        indices=singular[0] / safe,
+        indices=jnp.max(singular, initial=0.0) / safe,
         shares=parts / parts.sum(axis=0)[None],
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..scene import Scene, SceneError, replace
+from ..scene import InputError, Scene, replace
 from ..scene.quantity import as_floats
 from ..solver import Method, Solution, solve
 from ..solver.method import methods_of
@@ -79,7 +79,7 @@ class Arms:
     def of(
         cls, scene: Scene, free: Iterable[str] | Mapping[str, Any], at: ArrayLike | None, method: Method | None
     ) -> "Arms":
-        """Raises `SceneError` for controls and arc lengths that are not allowed, and for a scene that is not steady."""
+        """Raises `InputError` for controls and arc lengths that are not allowed, and for a scene that is not steady."""
         controls = controls_of(scene, free)
         check_driven(scene, controls)
         arc_lengths = _arc_lengths(scene, at)
@@ -167,10 +167,10 @@ def _arc_lengths(scene: Scene, at: ArrayLike | None) -> np.ndarray:
     length = float(scene.arm.length)
     places = np.array([length]) if at is None else np.atleast_1d(np.asarray(at, dtype=float))
     if places.ndim != 1 or places.size == 0:
-        raise SceneError(f"at: of shape {places.shape}; allowed: one arc length, or a list of them")
+        raise InputError(f"at: of shape {places.shape}; allowed: one arc length, or a list of them")
     bad = ~((places > 0) & (places <= length * (1 + 1e-12)))
     if bad.any():
-        raise SceneError(f"at: {places[bad][0]:g} [m] is not on the arm; allowed: more than 0 to {length:g} [m]")
+        raise InputError(f"at: {places[bad][0]:g} [m] is not on the arm; allowed: more than 0 to {length:g} [m]")
     return np.minimum(places, length)
 
 
