@@ -66,7 +66,7 @@ Claim: of scenes that load-stepped collocation solves, the default finds at leas
 
 SEED = 2026
 METHOD, POINTS = Automatic(), 3
-FINE, MULTIPLE = METHOD.methods[1:]
+FINE, MULTIPLE = METHOD.methods[1:3]
 FINER = MultipleShooting(intervals=128, max_iterations=1000)
 NAMES = {code: name for name, code in outcome_codes().items()}
 COLOURS = {
@@ -87,7 +87,7 @@ def solved(scenes: list[Scene], method: Method) -> tuple[Solution, list[tuple[in
     spent = [(0, 0.0)] * len(kinds)
     for numbers in by_structure(scenes):
         for number, kind in enumerate(kinds):
-            left = [i for i in numbers if i not in parts or is_lost(parts[i])]
+            left = [i for i in numbers if number == 0 or is_lost(parts[i], kinds[number - 1])]
             size = 1 if isinstance(kind, MultipleShooting) else BATCH  # side by side, it waits for the slowest
             for start in range(0, len(left), size):
                 some = left[start : start + size]

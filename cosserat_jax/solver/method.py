@@ -96,7 +96,8 @@ class Automatic(eqx.Module):
     """What `solve` and `sweep` do by default: `methods` in turn, each for the rods that the one before did not solve.
 
     First single shooting on two grids, so that in a batch no rod waits for the finer grids of another; for what that
-    loses, single shooting on finer grids; for what that loses, multiple shooting. Which rods are lost is looked at in
+    loses, single shooting on finer grids; for what that loses, multiple shooting, and where that gives up short of a
+    limit point and of a fold, multiple shooting in four times as many intervals. Which rods are lost is looked at in
     Python, so where JAX is tracing, as under `jit` and `vmap`, `SingleShooting()` with all its grids is used alone.
     `error` [rad, lengths of the arm] is the one number that sets how accurate all of them are.
     """
@@ -109,12 +110,13 @@ class Automatic(eqx.Module):
         return SingleShooting(self.error)
 
     @property
-    def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting]:
+    def methods(self) -> tuple[SingleShooting, SingleShooting, MultipleShooting, MultipleShooting]:
         """The methods, in turn."""
         return (
             SingleShooting(self.error, steps=self.traced.steps[:2]),
             SingleShooting(self.error, steps=(14, 20, 28, 40), coarse_steps=6),
             MultipleShooting(error=self.error),
+            MultipleShooting(intervals=256, error=self.error),
         )
 
 

@@ -1,6 +1,7 @@
 """`solve`: the one entry point from a scene to its equilibrium."""
 
 import functools as ft
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -20,7 +21,8 @@ from .outcome import Outcome, code_of, from_codes
 from .outputs import FIELDS, TIP, Report, Structure
 from .solution import Fields, Pose, SectionStrains, Solution
 
-_UNSOLVABLE = (code_of(Outcome.converged), code_of(Outcome.bad_input), code_of(Outcome.muscles_redundant))
+_FINAL = (code_of(Outcome.converged), code_of(Outcome.bad_input), code_of(Outcome.muscles_redundant))
+_ENDS = (code_of(Outcome.limit_point), code_of(Outcome.volume_constraint_folded))  # of a branch
 
 
 class SolveError(RuntimeError):
@@ -61,8 +63,8 @@ def solve(
     if traced:
         return solve_once(as_floats(scene), methods[0], places)
     solution = solve_once(scene, methods[0], places)
-    for harder in methods[1:]:
-        if not is_lost(solution):
+    for before, harder in itertools.pairwise(methods):
+        if not is_lost(solution, before):
             break
         solution = solve_once(scene, harder, places)
     if throw and int(lax.stop_gradient(solution.outcome._value)) != 0:
@@ -85,10 +87,11 @@ def places_of(points: int | tuple[float, ...]) -> Float[np.ndarray, " points"]:
     return places
 
 
-def is_lost(solution: Solution) -> Any:
-    """Which rods a method did not solve that a harder one might."""
+def is_lost(solution: Solution, method: SingleShooting | MultipleShooting) -> Any:
+    """Which rods the method did not solve that a harder one might. Multiple shooting is believed where it finds that
+    the branch ends."""
     codes = lax.stop_gradient(solution.outcome._value)
-    return ~np.isin(np.asarray(codes), _UNSOLVABLE)
+    return ~np.isin(np.asarray(codes), _FINAL + _ENDS * isinstance(method, MultipleShooting))
 
 
 def solve_once(scene: Scene, method: SingleShooting | MultipleShooting, places: Any) -> Solution:

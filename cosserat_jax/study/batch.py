@@ -14,6 +14,7 @@ from ..solver.solve import empty_solution, is_lost, solve_batch
 from .checkpoint import Checkpoint
 
 _STRUCTURE = jax.tree.structure(empty_solution())
+_TRIED_AGAIN = 32  # rods at a time by single shooting on finer grids
 
 
 def solve_rods(
@@ -27,7 +28,7 @@ def solve_rods(
     """The solutions, rods first, of a scene of which some floats are arrays [rods]; those of the others all share.
 
     Rods are solved `size` at a time. Those that one of the methods does not solve are solved again by the next: by
-    single shooting in batches as large, by multiple shooting one by one, so that no rod waits for another's load steps.
+    single shooting in small batches, by multiple shooting one by one, so that no rod waits for another's load steps.
     Batches in `store` are taken from there; `shown` wraps the batches of the first method, for a progress bar. While
     JAX is tracing nothing can be looked at, and all rods are solved at once by the one method for that.
     """
@@ -40,7 +41,7 @@ def solve_rods(
     solved, done = None, 0
     rows = np.arange(count)
     for i, each in enumerate(methods):
-        together = 1 if isinstance(each, MultipleShooting) else min(size, count)
+        together = 1 if isinstance(each, MultipleShooting) else min(size if i == 0 else _TRIED_AGAIN, size, count)
         batches = _batches(rows, together)
         parts = []
         for batch in shown(batches) if i == 0 else batches:
@@ -53,7 +54,7 @@ def solve_rods(
         else:
             for whole, part in zip(solved, new, strict=True):
                 whole[rows] = part
-        rows = np.flatnonzero(is_lost(jax.tree.unflatten(_STRUCTURE, solved)))
+        rows = np.flatnonzero(is_lost(jax.tree.unflatten(_STRUCTURE, solved), each))
         if rows.size == 0:
             break
     assert solved is not None, "there is at least one method"
