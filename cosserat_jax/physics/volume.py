@@ -112,7 +112,7 @@ def strained(
     the same. That is what a linearization is made of.
     """
     if beta is None:
-        if _is_closed(law, place):
+        if isinstance(law, AbstractLinearLaw) and _is_closed(law, place):
             nu, eta, mu = _linear_strains(law, place, load)
         else:
             nu, eta, mu = _strains(law, place, load, 1.0, 0.0)

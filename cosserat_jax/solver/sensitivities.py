@@ -134,9 +134,9 @@ def _pushed_forward(problem: _Problem, leaves: list, u: Array, changes: list) ->
 
     _, error_linear = along(problem.error, rod, u, base)
     d_error = error_linear(d_rod, du, d_base)
-    at, changes = At(rod, u, nodes, base), At(d_rod, du, d_nodes, d_base)
+    at, moved = At(rod, u, nodes, base), At(d_rod, du, d_nodes, d_base)
     is_tip = problem.part == "tip"
-    d_results = tip_forward(at, changes) if is_tip else fields_forward(at, problem.places, changes)
+    d_results = tip_forward(at, moved) if is_tip else fields_forward(at, problem.places, moved)
     by_unknowns = jnp.moveaxis(d_error[:n], 0, 1)
     follow = -linear_systems.solve_columns(by_unknowns, jnp.moveaxis(d_error[n:], 0, 1))  # [unknowns, vectors, batch]
     return d_results[n:] + jnp.einsum("nkb,nrb->krb", follow, d_results[:n])
