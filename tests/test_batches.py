@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,10 +14,12 @@ from cosserat_jax import (
     Outcome,
     Scene,
     SingleShooting,
+    TimeStepping,
     Tip,
     load,
     replace,
     solve,
+    tcam_response,
 )
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
@@ -138,3 +141,13 @@ def test_no_program_calls_back_to_python(method: SingleShooting | MultipleShooti
     assert "stablehlo" in text(lambda tension: tip_height(tension, method))
     assert "callback" not in text(lambda tension: tip_height(tension, method))
     assert "callback" not in text(jax.grad(lambda tension: tip_height(tension, method)))
+
+
+@pytest.mark.parametrize("solver", [diffrax.Tsit5(), diffrax.Kvaerno5()], ids=["explicit", "implicit"])
+def test_no_program_of_a_muscle_over_time_calls_back_to_python(solver: diffrax.AbstractSolver):
+    tcam, method = load("octopus-tcam").muscles[0].tcam, TimeStepping(solver)
+
+    def tension(times: jax.Array) -> jax.Array:
+        return tcam_response(tcam, times, method).tension
+
+    assert "callback" not in jax.jit(tension).lower(jnp.linspace(0.0, 10.0, 3)).as_text()

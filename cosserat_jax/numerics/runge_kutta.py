@@ -103,6 +103,37 @@ class EqualSteps(diffrax.AbstractStepSizeController):
         return True, t1, done / self.count, False, done, diffrax.RESULTS.successful
 
 
+class FirstStep(diffrax.AbstractAdaptiveStepSizeController):
+    """The steps of `controller` after a first one of length `dt0`, which JAX may trace: given to diffrax itself, a
+    traced one is checked by a callback to the host."""
+
+    controller: diffrax.PIDController
+    dt0: Any
+    rtol: Any
+    atol: Any
+    norm: Any
+
+    def __init__(self, controller: diffrax.PIDController, dt0: Any) -> None:
+        self.controller, self.dt0 = controller, dt0
+        self.rtol, self.atol, self.norm = controller.rtol, controller.atol, controller.norm
+
+    def wrap(self, direction: Any) -> "FirstStep":
+        return FirstStep(self.controller.wrap(direction), self.dt0)
+
+    def init(
+        self, terms: Any, t0: Any, t1: Any, y0: Any, dt0: None, args: Any, func: Any, error_order: Any
+    ) -> tuple[Any, Any]:
+        return self.controller.init(terms, t0, t1, y0, self.dt0, args, func, error_order)
+
+    def adapt_step_size(
+        self, t0: Any, t1: Any, y0: Any, y1_candidate: Any, args: Any, y_error: Any, error_order: Any,
+        controller_state: Any,
+    ) -> tuple:  # fmt: skip
+        return self.controller.adapt_step_size(
+            t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state
+        )  # fmt: skip
+
+
 class Nodes(NamedTuple):
     """The state and its slope by tau at the equal nodes tau = i / steps at which steps start, and the state at the end,
     tau = 1. Room is left for more nodes than there are."""

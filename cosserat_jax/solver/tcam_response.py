@@ -23,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.implicit_derivatives import by_forward_mode
 from ..numerics.newton import batched_with
+from ..numerics.runge_kutta import FirstStep
 from ..physics.tcam import (
     TCAMState,
     coil_cosine,
@@ -180,20 +181,24 @@ def _integrate(
         def slope(tau: Any, scaled: Any, _: Any) -> Float[Array, " state"]:
             voltage = drive.on_piece(piece, begin + length * tau)
             rate = state_rate(tcam, voltage, state_of(scaled * units))
-            return ravel_pytree(rate)[0] * (length / units)
+            return jnp.where(came_through, ravel_pytree(rate)[0] * (length / units), 0.0)
 
         held = lax.stop_gradient(length)
         longest, resolved = _longest_step(drive, lax.stop_gradient(begin), held)
         dtmax = jnp.where(held > 0, longest / jnp.where(held > 0, held, 1.0), 1.0)
+        # what failed once is not tried in every later interval
+        dtmax = jnp.where(came_through, dtmax, 1.0)
         dt0 = batched_with(state, jnp.minimum(dtmax, 1.0))
+        steps = diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax, norm=error_norm)
+        here = jax.tree.map(lambda leaf: jnp.where(came_through, leaf, 0.0), state)
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(slope),
             method.solver,
-            t0=jnp.where(came_through, 0.0, 1.0),  # what failed once is not tried in every later interval
+            t0=0.0,
             t1=1.0,
-            dt0=dt0,
-            y0=ravel_pytree(state)[0] / units,
-            stepsize_controller=diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax, norm=error_norm),
+            dt0=None,
+            y0=ravel_pytree(here)[0] / units,
+            stepsize_controller=FirstStep(steps, dt0),
             adjoint=diffrax.ForwardMode(),  # reverse mode goes through `by_forward_mode`
             max_steps=method.max_steps,
             throw=False,
