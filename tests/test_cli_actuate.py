@@ -205,7 +205,7 @@ def test_netcdf_reads_back_complete(run: Run, tmp_path: Path) -> None:
         assert float(data["time_of_peak"][0]) == pytest.approx(5.89445, abs=1e-5)
         assert float(data["limit_temperature"][0]) == 150 + 273.15
         names = data["muscle_outcome"].attrs["flag_meanings"].split()
-        assert names == ["followed", "overheated", "no_coil", "integration_failed"]
+        assert names == ["followed", "overheated", "no_coil", "voltage_not_resolved", "integration_failed"]
         codes = data["muscle_outcome"].attrs["flag_values"].tolist()
         assert names[codes.index(int(data["muscle_outcome"][0]))] == "followed"
         assert "limit_point" in data["outcome"].attrs["flag_meanings"]

@@ -30,7 +30,7 @@ def tip_of(scene: Scene) -> jax.Array:
     return jnp.stack([tip.x, tip.y, tip.theta])
 
 
-REVERSE = jax.jit(jax.jacrev(tip_of))
+FORWARD, REVERSE = jax.jit(jax.jacfwd(tip_of)), jax.jit(jax.jacrev(tip_of))
 
 
 def as_arrays(scene: Scene) -> Scene:
@@ -50,7 +50,7 @@ def central_difference(scene: Scene, path: str, relative_step: float = 1e-4) -> 
 @pytest.fixture(scope="module")
 def forward() -> dict[str, np.ndarray]:
     scene = as_arrays(FULL)
-    columns = jax.jit(jax.jacfwd(tip_of))(scene)
+    columns = FORWARD(scene)
     return {path: np.asarray(column) for path, column in parameters(columns).items()}
 
 
@@ -70,6 +70,16 @@ def test_reverse_mode_equals_forward_mode(forward):
     backward = parameters(REVERSE(as_arrays(FULL)))
     for path, column in forward.items():
         np.testing.assert_allclose(backward[path], column, rtol=1e-12, atol=0)
+
+
+def test_derivatives_are_right_where_a_segment_has_no_length():
+    """The end of a muscle at the tip leaves none between the two."""
+    at_tip = replace(FULL, {"muscles.0.end": FULL.arm.length, "muscles.0.end_offset": 0.003})
+    forward, reverse = (parameters(derivatives(as_arrays(at_tip))) for derivatives in (FORWARD, REVERSE))
+    for path, column in forward.items():
+        np.testing.assert_allclose(reverse[path], column, rtol=1e-7, atol=1e-9)
+    for path in ("muscles.0.tension", "muscles.1.base_offset"):
+        np.testing.assert_allclose(forward[path], central_difference(at_tip, path), rtol=1e-6, atol=1e-9)
 
 
 def test_gradient_is_finite_at_the_straight_unloaded_arm():

@@ -130,10 +130,11 @@ def strained(
 def felt(
     law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads, beta_s: Scalar
 ) -> Felt:  # fmt: skip
-    """What `strained` may be given where `beta_s` is what it has found."""
+    """What `strained` may be given where `beta_s` is what it has found, or near that."""
     slope_at, _, _ = _pieces(law, place, load, beta, loads)
-    _, (rate, more) = jax.jvp(slope_at, (beta_s,), (jnp.ones_like(beta_s),))
-    return Felt(beta_s, 1 / (1 - rate), more)
+    (found, _), (rate, more) = jax.jvp(slope_at, (beta_s,), (jnp.ones_like(beta_s),))
+    gain = 1 / (1 - rate)
+    return Felt(beta_s + (found - beta_s) * gain, gain, more)
 
 
 def _is_closed(law: AbstractSectionLaw, place: Place) -> bool:

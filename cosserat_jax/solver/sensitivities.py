@@ -240,8 +240,12 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
 
 def _felt(rod: Rod, span: tuple, active: Any, tau: Any, y: RodState, slope: Any) -> Any:
     """What the linearization of a stage takes as known, from its slope."""
+    if slope is None:
+        return None
     s, rate = Segment(span[0], span[1], active, span[2]).place(tau)
-    return None if slope is None else felt_at(rod, s, y, active, slope / rate)
+    has_length = rate != 0  # not where two tendons end at one place
+    beta_s = jnp.where(has_length, slope / jnp.where(has_length, rate, 1.0), 0.0)
+    return felt_at(rod, s, y, active, beta_s)
 
 
 def _steps_recorded(
