@@ -8,32 +8,32 @@ import reference
 from cosserat_jax import Outcome, SingleShooting, Solution, load, replace, solve
 
 SEED = 2026
-COARSE, FINE = SingleShooting(error=1e-4, steps=(6, 8)), SingleShooting(steps=(28, 40))
-NUMBERS = range(2, 47)  # at 1 the water turns along the arm, where its force has a kink and errors fall by chance
+# to 28 like the default, whose program they share
+COARSE, COARSER = (SingleShooting(error=1e-4, steps=(6, second, 28)) for second in (8, 7))
+FINE = SingleShooting(steps=(28, 40))
+NUMBERS = range(1, 47)
 
 
 def pose(solution: Solution, length: float) -> np.ndarray:
     return np.array([solution.tip.theta, solution.tip.x / length, solution.tip.y / length])
 
 
-def test_error_is_seldom_underestimated_on_hard_scenes_and_never_far_above_what_was_asked():
-    """Of arms that have an equilibrium, where the true error is more than round-off. Where the water turns along the
-    arm its force is not smooth and errors fall by chance: there two grids may agree although both are off."""
-    compared, underestimated = 0, 0
+def test_error_is_not_underestimated_on_hard_scenes_and_never_far_above_what_was_asked():
+    """Of arms that have an equilibrium, those too along which the water changes sides and its force has a kink."""
+    compared = 0
     for number in NUMBERS:
         scene = hard.alike(hard.drawn(SEED, number))
-        for method in (SingleShooting(), COARSE):
+        for method in (SingleShooting(), COARSE, COARSER):
             found = solve(scene, method, points=2, throw=False)
             if not found.converged:
                 continue
             exact = solve(scene, FINE, points=2)
             true = np.abs(pose(found, scene.arm.length) - pose(exact, scene.arm.length)).max()
             assert true < 3 * method.error, (number, method)
-            if true > 1e-10:
+            if true > 1e-9:
                 compared += 1
-                underestimated += float(found.error) < true / 3
+                assert float(found.error) > true / 3, (number, method)
     assert compared >= 5
-    assert underestimated <= compared / 4
 
 
 @pytest.mark.parametrize("number", [pytest.param(5, marks=pytest.mark.slow), 6])

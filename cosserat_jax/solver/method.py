@@ -30,7 +30,7 @@ class SingleShooting(eqx.Module):
     """Integration from tip to base in equal steps, closed by Newton, the loads raised in steps where that is needed.
 
     - `error`: the error of the tip's pose asked for, in radians and lengths of the arm. It is estimated from the
-      difference between two numbers of steps as if errors fell at the fourth order: they fall at the eighth, or at the
+      difference between two numbers of steps as if errors fell at the third order: they fall at the eighth, or at the
       third to fourth where a current changes sides along the arm and its force is not smooth. A rod above it has the
       outcome `inaccurate`.
     - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; two to four numbers, at
@@ -49,7 +49,7 @@ class SingleShooting(eqx.Module):
     """
 
     error: float = eqx.field(static=True, default=1e-8)
-    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 12, 18, 28))
+    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 13, 18, 28))
     coarse_steps: int = eqx.field(static=True, default=3)
     newton_tol: float = eqx.field(static=True, default=1e-4)
     max_iterations: int = eqx.field(static=True, default=60)

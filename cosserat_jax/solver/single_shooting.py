@@ -34,7 +34,7 @@ _DIFFERENCE = 1e-7  # of an unknown, for the Jacobian
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 _SETTLED = 1e-4  # correction on a finer grid from which on it is as good as the root
 _POLISHED = 1e-12, 1e-10  # what is left in the result, a hundredth of the error asked for within these bounds
-_SURE_ORDER = 4  # at which errors fall with the number of steps; eight where all is smooth, less where a current
+_SURE_ORDER = 3  # at which errors fall with the number of steps; eight where all is smooth, three or four where a current
 # changes sides along the arm
 _TINY = 1e-300
 _CONTRACTION = 3e3  # of the corrections on a finer grid, over the first of them: at most 2300 was seen on hard scenes
