@@ -7,9 +7,10 @@ import shutil
 import sys
 from pathlib import Path
 
-# XLA compiles a while loop that carries up to so many bytes without a task for each operation in it, and fuses
-# operations that share their operands. It ignores the name of an option that it does not have.
-_XLA_OPTIONS = "xla_cpu_small_while_loop_byte_threshold=1000000,xla_cpu_use_multi_output_fusion=true"
+# XLA compiles a while loop that carries up to so many bytes without a task for each operation in it. It ignores the
+# name of an option that it does not have. Not set is xla_cpu_use_multi_output_fusion, which would halve the compile
+# time of derivatives: jaxlib 0.10.2 ends the process where it compiles those of the fields.
+_XLA_OPTIONS = "xla_cpu_small_while_loop_byte_threshold=1000000"
 _LARGEST_CACHE = 2**30  # bytes
 
 

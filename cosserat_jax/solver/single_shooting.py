@@ -34,8 +34,9 @@ _DIFFERENCE = 1e-7  # of an unknown, for the Jacobian
 _NEARLY_SINGULAR = 0.3  # determinant of the clamp's equation, 1 for the unloaded arm, 0 at a limit point
 _SETTLED = 1e-4  # correction on a finer grid from which on it is as good as the root
 _POLISHED = 1e-12, 1e-10  # what is left in the result, a hundredth of the error asked for within these bounds
-_SURE_ORDER = 3  # at which errors fall with the number of steps; eight where all is smooth, three or four where a current
-# changes sides along the arm
+# Errors fall at least at this order with the number of steps: at the eighth where all is smooth, at the third or fourth
+# where a current changes sides along the arm.
+_SURE_ORDER = 3
 _TINY = 1e-300
 _CONTRACTION = 3e3  # of the corrections on a finer grid, over the first of them: at most 2300 was seen on hard scenes
 _MOST_POLISHES = 10  # passes on the finer grids
