@@ -10,7 +10,18 @@ import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosserat_jax import MultipleShooting, Outcome, Scene, SingleShooting, Solution, parameters, replace, solve, sweep
+from cosserat_jax import (
+    MultipleShooting,
+    Outcome,
+    Scene,
+    SingleShooting,
+    Solution,
+    load,
+    parameters,
+    replace,
+    solve,
+    sweep,
+)
 from cosserat_jax.scene.quantity import as_floats
 from cosserat_jax.solver import Method
 
@@ -118,3 +129,12 @@ def test_either_an_equilibrium_or_an_outcome(scene: Scene):
     np.testing.assert_allclose([fields.force_x[-1], fields.force_y[-1], fields.moment[-1]], 0, atol=1e-12)
     np.testing.assert_allclose(fields.beta * (fields.nu - fields.beta * radius * fields.mu), 1, atol=1e-7)
     assert found.condition >= 1
+
+
+@pytest.mark.slow
+def test_a_very_strong_pull_at_the_tip_turns_the_arm_within_a_thousandth_of_its_length():
+    """With k = sqrt(P / EI) the elastica's tip stands at x = sqrt(2) / k and y = L - (2 - sqrt(2)) / k but for terms of
+    exp(-k L). Only many intervals hold it: over one of 64 an error grows by exp(16)."""
+    found = solve(replace(load("elastica"), {"tip.force.1": 1e6}), points=2)
+    assert float(found.tip.x) == pytest.approx(np.sqrt(2) * 1e-3, abs=1e-9)
+    assert float(found.tip.y) == pytest.approx(1 - (2 - np.sqrt(2)) * 1e-3, abs=1e-9)
