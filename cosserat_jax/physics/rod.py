@@ -25,7 +25,7 @@ from ..scene.quantity import Scalar
 from .loads import AbstractLoad, DeformedSection
 from .section_laws import AbstractSectionLaw, GivenStiffness, LinearElastic
 from .tendon import Pull, Tendon, pull_at, shortening_rate
-from .volume import Felt, Loads, Place, SectionLoad, Strained, felt, scale_root, strained
+from .volume import KnownSlope, Loads, Place, SectionLoad, Strained, known_slope, scale_root, strained
 from .water import Flow
 from .weight import Weight
 
@@ -183,12 +183,12 @@ def section_load(state: RodState) -> SectionLoad:
 
 
 def derivative(
-    rod: Rod, s: Scalar, state: RodState, active: Any, felt: Felt | None = None
+    rod: Rod, s: Scalar, state: RodState, active: Any, known: KnownSlope | None = None
 ) -> tuple[RodState, DeformedSection, Scalar]:
     """d(state)/ds at `s` with these tendons active, the cross-section there, and how far the volume constraint is from
-    folding: d(volume)/d(beta) at given load, from 1 at rest to 0. For `felt` see `strained`."""
+    folding: d(volume)/d(beta) at given load, from 1 at rest to 0. For `known` see `strained`."""
     place, load = place_at(rod, s, active), section_load(state)
-    found: Strained = strained(rod.law, place, load, state.beta, _loads(rod, place, load, state), felt)
+    found: Strained = strained(rod.law, place, load, state.beta, _loads(rod, place, load, state), known)
     nu, eta, mu = found.nu, found.eta, found.mu
     f1, f2, moment = found.loads
     section = _deformed(place, state, nu, eta, mu, found.beta, found.beta_s)
@@ -207,12 +207,12 @@ def derivative(
     return rates, section, found.margin
 
 
-def felt_at(rod: Rod, s: Scalar, state: RodState, active: Any, beta_s: Scalar) -> Felt | None:
+def known_slope_at(rod: Rod, s: Scalar, state: RodState, active: Any, beta_s: Scalar) -> KnownSlope | None:
     """What `derivative` may be given where it has found `beta_s`; nothing of a rigid section."""
     if rod.is_rigid:
         return None
     place, load = place_at(rod, s, active), section_load(state)
-    return felt(rod.law, place, load, state.beta, _loads(rod, place, load, state), beta_s)
+    return known_slope(rod.law, place, load, state.beta, _loads(rod, place, load, state), beta_s)
 
 
 def _deformed(

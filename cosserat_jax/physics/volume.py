@@ -89,7 +89,7 @@ class Strained(NamedTuple):
     margin: Scalar
 
 
-class Felt(NamedTuple):
+class KnownSlope(NamedTuple):
     """A known beta_s, and what a linearization around it need not find again: 1 / (1 - d(beta_s)/d(beta_s)), as the
     loads feel it, and the derivative of what else the loads make."""
 
@@ -104,11 +104,11 @@ Loads = Callable[[Scalar, Scalar, Scalar, Scalar, Scalar], tuple[SectionLoad, An
 
 def strained(
     law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar | None, loads: Loads,
-    felt: Felt | None = None,
+    known: KnownSlope | None = None,
 ) -> Strained:  # fmt: skip
     """The section under its load, at a given scale `beta`, None where the section is rigid.
 
-    With `felt`, of the same section, beta_s is not looked for: the loads are evaluated once, and the derivatives are
+    With `known`, of the same section, beta_s is not looked for: the loads are evaluated once, and the derivatives are
     the same. That is what a linearization is made of.
     """
     if beta is None:
@@ -118,23 +118,23 @@ def strained(
             nu, eta, mu = _strains(law, place, load, 1.0, 0.0)
         return Strained(nu, eta, mu, 1.0, 0.0, loads(nu, eta, mu, 1.0, 0.0)[1], 1.0)
     slope_at, strained_at, search = _pieces(law, place, load, beta, loads)
-    if felt is None:
+    if known is None:
         beta_s, more = search()
     else:  # one step of Newton from the root
-        found, more = slope_at(felt.beta_s)
-        move = (found - felt.beta_s) * felt.gain
-        beta_s, more = felt.beta_s + move, jax.tree.map(lambda m, d: m + d * move, more, felt.loads)
+        found, more = slope_at(known.beta_s)
+        move = (found - known.beta_s) * known.gain
+        beta_s, more = known.beta_s + move, jax.tree.map(lambda m, d: m + d * move, more, known.loads)
     return strained_at(beta_s, more)
 
 
-def felt(
+def known_slope(
     law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads, beta_s: Scalar
-) -> Felt:  # fmt: skip
+) -> KnownSlope:  # fmt: skip
     """What `strained` may be given where `beta_s` is what it has found, or near that."""
     slope_at, _, _ = _pieces(law, place, load, beta, loads)
     (found, _), (rate, more) = jax.jvp(slope_at, (beta_s,), (jnp.ones_like(beta_s),))
     gain = 1 / (1 - rate)
-    return Felt(beta_s + (found - beta_s) * gain, gain, more)
+    return KnownSlope(beta_s + (found - beta_s) * gain, gain, more)
 
 
 def _is_closed(law: AbstractSectionLaw, place: Place) -> bool:

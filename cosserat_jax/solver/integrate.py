@@ -63,12 +63,12 @@ def graded(rod: Rod, start: Array, end: Array) -> Array:
     return lax.stop_gradient(jnp.abs(rod.radius_at(end) / rod.radius_at(start))) ** _GRADING
 
 
-def slope_of(rod: Rod, segment: Segment, felt: Any = None) -> Any:
-    """d(state)/dtau as a function of tau and the state. For `felt` see `physics.volume.strained`."""
+def slope_of(rod: Rod, segment: Segment, known: Any = None) -> Any:
+    """d(state)/dtau as a function of tau and the state. For `known` see `physics.volume.strained`."""
 
     def slope(tau: Any, state: RodState) -> RodState:
         s, rate = segment.place(tau)
-        d_ds, *_ = derivative(rod, s, state, segment.active, felt)
+        d_ds, *_ = derivative(rod, s, state, segment.active, known)
         return jax.tree.map(lambda u, d: jnp.broadcast_to(d * rate, u.shape), state, d_ds)
 
     return slope

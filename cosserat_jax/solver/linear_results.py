@@ -14,7 +14,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..numerics.runge_kutta import Nodes
-from ..physics.rod import Rod, RodState, derivative, felt_at, restarted
+from ..physics.rod import Rod, RodState, derivative, known_slope_at, restarted
 from ..physics.segments import active_at
 from .integrate import Trajectory, states_at
 from .outputs import FIELDS, active_at_tip, arc_lengths, field_values, stacked, tip_values
@@ -50,10 +50,10 @@ def _tip(at: At) -> Callable:
     active = active_at_tip(at.rod)
     state = restarted(at.rod, at.rod.length, Unknowns.of(at.rod).tip(at.rod, at.u), active)
     beta_s = derivative(at.rod, at.rod.length, state, active)[1].beta_s
-    felt = felt_at(at.rod, at.rod.length, state, active, beta_s)
+    known = known_slope_at(at.rod, at.rod.length, state, active, beta_s)
 
     def values(rod: Rod, u: Array, base: RodState) -> Array:
-        return tip_values(rod, Unknowns.of(rod), u, base, felt)
+        return tip_values(rod, Unknowns.of(rod), u, base, known)
 
     return values
 
@@ -119,15 +119,15 @@ def _values(at: At, places: Array, state: RodState) -> Callable:
     """The fields [fields, points, batch] as a function of the rod, the states and the base."""
     batch = at.u.shape[-1]
 
-    def section_at(rod: Rod, state: RodState, felt: Any) -> tuple[Array, Any]:
+    def section_at(rod: Rod, state: RodState, known: Any) -> tuple[Array, Any]:
         s = arc_lengths(places, rod.length, batch)
-        return s, derivative(rod, s, state, active_at(rod.tendons, s), felt)[1]
+        return s, derivative(rod, s, state, active_at(rod.tendons, s), known)[1]
 
     s, section = section_at(at.rod, state, None)
-    felt = felt_at(at.rod, s, state, active_at(at.rod.tendons, s), section.beta_s)
+    known = known_slope_at(at.rod, s, state, active_at(at.rod.tendons, s), section.beta_s)
 
     def values(rod: Rod, state: RodState, base: RodState) -> Array:
-        s, section = section_at(rod, state, felt)
+        s, section = section_at(rod, state, known)
         return stacked(field_values(rod, base, s, state, section), (len(places), batch))
 
     return values

@@ -64,12 +64,12 @@ def active_at_tip(rod: Rod) -> tuple[Any, ...]:
     return tuple(jnp.asarray(True) if tendon.end is None else tendon.end >= rod.length for tendon in rod.tendons)
 
 
-def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any, felt: Any = None) -> Float[Array, "values batch"]:
-    """The numbers of the tip, in the order of `TIP`, the tension of every muscle, and the unknowns. For `felt` see
+def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any, known: Any = None) -> Float[Array, "values batch"]:
+    """The numbers of the tip, in the order of `TIP`, the tension of every muscle, and the unknowns. For `known` see
     `physics.volume.strained`."""
     shape, active = u.shape[1:], active_at_tip(rod)
     state = restarted(rod, rod.length, unknowns.tip(rod, u), active)
-    _, section, _ = derivative(rod, rod.length, state, active, felt)
+    _, section, _ = derivative(rod, rod.length, state, active, known)
     values = [state.x - base.x, state.y - base.y, u[0], section.nu, section.eta, section.mu, section.beta]
     return jnp.concatenate([stacked(values, shape), unknowns.tensions(rod, base.shortenings, shape), u])
 

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 
 from ..numerics import batching, linear_systems
 from ..numerics.runge_kutta import Nodes, combine, stages_of_step
-from ..physics.rod import Rod, RodState, felt_at, restarted
+from ..physics.rod import Rod, RodState, known_slope_at, restarted
 from .integrate import Segment, segments, slope_of
 from .linear_results import At, fields_backward, fields_forward, tip_backward, tip_forward
 from .outputs import FIELDS, TIP, Structure
@@ -158,10 +158,10 @@ def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, st
 
         at = tau + places[i] * h
         f = slope_of(rod, Segment(span[0], span[1], active, span[2]))(at, y)
-        felt = _felt(rod, span, active, at, y, f.beta)
+        known = _known_slope(rod, span, active, at, y, f.beta)
 
         def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
-            return slope_of(rod, Segment(span[0], span[1], active, span[2]), felt)(at, y)
+            return slope_of(rod, Segment(span[0], span[1], active, span[2]), known)(at, y)
 
         _, linear = jax.linearize(slope, rod, span, y)
         df = jax.vmap(linear)(d_rod, d_span, dy)
@@ -238,14 +238,14 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
     return by_floats[n:] + jnp.einsum("nkb,npb->kpb", w, by_floats[:n])
 
 
-def _felt(rod: Rod, span: tuple, active: Any, tau: Any, y: RodState, slope: Any) -> Any:
+def _known_slope(rod: Rod, span: tuple, active: Any, tau: Any, y: RodState, slope: Any) -> Any:
     """What the linearization of a stage takes as known, from its slope."""
     if slope is None:
         return None
     s, rate = Segment(span[0], span[1], active, span[2]).place(tau)
     has_length = rate != 0  # not where two tendons end at one place
     beta_s = jnp.where(has_length, slope / jnp.where(has_length, rate, 1.0), 0.0)
-    return felt_at(rod, s, y, active, beta_s)
+    return known_slope_at(rod, s, y, active, beta_s)
 
 
 def _steps_recorded(
@@ -295,10 +295,10 @@ def _steps_backward(
     def linear_at(tau: Array, stage: tuple[RodState, Any]) -> Any:
         nonlocal tree
         y, beta_slope = stage
-        felt = _felt(rod, span, active, tau, y, beta_slope)
+        known = _known_slope(rod, span, active, tau, y, beta_slope)
 
         def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
-            return slope_of(rod, Segment(span[0], span[1], active, span[2]), felt)(tau, y)
+            return slope_of(rod, Segment(span[0], span[1], active, span[2]), known)(tau, y)
 
         leaves, tree = jax.tree.flatten(jax.vjp(slope, rod, span, y)[1])
         return leaves

@@ -205,8 +205,9 @@ def _integrate(
         )
         ys: Any = solution.ys
         there = state_of(ys[-1] * units)
-        came_through &= solution.result == diffrax.RESULTS.successful
-        return (there, came_through), (there, solution.stats["num_steps"], resolved)
+        taken = jnp.where(came_through, solution.stats["num_steps"], 0)
+        through = came_through & (solution.result == diffrax.RESULTS.successful)
+        return (there, through), (there, taken, resolved)
 
     is_coil = _is_coil(coil_cosine(tcam, start.rise if tcam.dynamics == "full" else 0.0))
     begin = batched_with(tcam, (start, is_coil))  # what is none is not integrated
