@@ -83,7 +83,6 @@ def reach_command(
 
 
 def _point(text: str) -> "np.ndarray":
-
     from ..scene import range_to_si
 
     error = InputError(f'--target must be "X, Y UNIT", such as "0.3, 0.1 m", but is {quoted(text)}')

@@ -67,7 +67,7 @@ def sweep_command(
     """
     from ..report.text import sweep_summary, sweep_table
     from ..solver import check_steady
-    from ..study.checkpoint import remove
+    from ..study.checkpoint import holds_batches, remove
 
     changes = pairs("--set", settings)
     file = read_changed(name, changes)
@@ -80,7 +80,7 @@ def sweep_command(
         raise InputError("--resume must come with --out FILE.nc, beside which a stopped sweep is, but comes without")
     if kept is not None and restart and kept.exists():
         remove(kept)
-    if kept is not None and not resume and kept.exists() and any(kept.glob("batch-*.npz")):
+    if kept is not None and not resume and holds_batches(kept):
         raise InputError(
             f"{kept} holds the batches of a stopped sweep; give --resume to go on, or --restart to start over"
         )

@@ -29,7 +29,7 @@ so that the constraint is a polynomial of beta and the strains take one division
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -112,7 +112,7 @@ def strained(
     the same. That is what a linearization is made of.
     """
     if beta is None:
-        if isinstance(law, AbstractLinearLaw) and _is_closed(law, place):
+        if _is_closed(law, place):
             nu, eta, mu = _linear_strains(law, place, load)
         else:
             nu, eta, mu = _strains(law, place, load, 1.0, 0.0)
@@ -137,8 +137,8 @@ def known_slope(
     return KnownSlope(beta_s + (found - beta_s) * gain, gain, more)
 
 
-def _is_closed(law: AbstractSectionLaw, place: Place) -> bool:
-    """Whether the strains have a closed form at given beta."""
+def _is_closed(law: AbstractSectionLaw, place: Place) -> TypeGuard[AbstractLinearLaw]:
+    """Whether the strains have a closed form at given beta: of a linear law, where no tangent is normalized."""
     return isinstance(law, AbstractLinearLaw) and not any(pull.unit for pull in place.pulls)
 
 
@@ -152,7 +152,7 @@ class _Pieces(NamedTuple):
 
 
 def _pieces(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> _Pieces:
-    if isinstance(law, AbstractLinearLaw) and _is_closed(law, place):
+    if _is_closed(law, place):
         return _closed(law, place, load, beta, loads)
     return _general(law, place, load, beta, loads)
 
@@ -171,7 +171,7 @@ def volume_defect(nu: Scalar, mu: Scalar, beta: Scalar, surface: Scalar) -> Scal
 
 def _volume(x: tuple[Array, ...], params: tuple[AbstractSectionLaw, Place, SectionLoad]) -> tuple[Any]:
     (beta,), (law, place, load) = x, params
-    if isinstance(law, AbstractLinearLaw) and _is_closed(law, place):
+    if _is_closed(law, place):
         sums = _sums(law, place)
         terms = _terms(sums, load, beta)
         return ((beta - 1) + (terms.extension - place.surface * terms.curvature) / terms.w,)

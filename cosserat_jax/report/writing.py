@@ -49,9 +49,10 @@ def batches_place(data: Path) -> Path:
 
     Raises `InputError` if something there is not such a folder: it is the user's and must not be emptied.
     """
+    from ..study.checkpoint import is_checkpoint
+
     folder = data.with_name(f"{data.name}.partial")
-    is_own = folder.is_dir() and ((folder / "identity").is_file() or {*os.listdir(folder)} <= {"lock"})
-    if not folder.is_symlink() and (is_own or not folder.exists()):
+    if not folder.is_symlink() and (is_checkpoint(folder) or not folder.exists()):
         return folder
     raise InputError(f"{folder}: in the way, and not the batches of an unfinished sweep; move it elsewhere")
 

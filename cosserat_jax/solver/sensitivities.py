@@ -157,13 +157,8 @@ def _steps_forward(problem: _Problem, rods: tuple, spans: tuple, active: Any, st
         y, dy = combine(weights[i] * h, state, slopes), combine(weights[i] * h, d_state, d_slopes)
 
         at = tau + places[i] * h
-        f = slope_of(rod, Segment(span[0], span[1], active, span[2]))(at, y)
-        known = _known_slope(rod, span, active, at, y, f.beta)
-
-        def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
-            return slope_of(rod, Segment(span[0], span[1], active, span[2]), known)(at, y)
-
-        _, linear = jax.linearize(slope, rod, span, y)
+        f = slope_of(rod, _segment(span, active))(at, y)
+        _, linear = jax.linearize(_slope_to_linearize(rod, span, active, at, y, f.beta), rod, span, y)
         df = jax.vmap(linear)(d_rod, d_span, dy)
         return jax.tree.map(lambda k, new: k.at[i].set(new), (slopes, d_slopes), (f, df))
 
@@ -238,14 +233,25 @@ def _pulled_back(problem: _Problem, leaves: list, u: Array, cotangents: Array) -
     return by_floats[n:] + jnp.einsum("nkb,npb->kpb", w, by_floats[:n])
 
 
-def _known_slope(rod: Rod, span: tuple, active: Any, tau: Any, y: RodState, slope: Any) -> Any:
-    """What the linearization of a stage takes as known, from its slope."""
-    if slope is None:
-        return None
-    s, rate = Segment(span[0], span[1], active, span[2]).place(tau)
-    has_length = rate != 0  # not where two tendons end at one place
-    beta_s = jnp.where(has_length, slope / jnp.where(has_length, rate, 1.0), 0.0)
-    return known_slope_at(rod, s, y, active, beta_s)
+def _segment(span: tuple, active: Any) -> Segment:
+    start, end, grading = span
+    return Segment(start, end, active, grading)
+
+
+def _slope_to_linearize(rod: Rod, span: tuple, active: Any, tau: Any, y: RodState, beta_slope: Any) -> Callable:
+    """The slope of the state at a stage as a function of rod, segment and state, to be linearized at the given ones,
+    where beta has the slope `beta_slope`, None in a rigid section."""
+    known = None
+    if beta_slope is not None:
+        s, rate = _segment(span, active).place(tau)
+        has_length = rate != 0  # not where two tendons end at one place
+        beta_s = jnp.where(has_length, beta_slope / jnp.where(has_length, rate, 1.0), 0.0)
+        known = known_slope_at(rod, s, y, active, beta_s)
+
+    def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
+        return slope_of(rod, _segment(span, active), known)(tau, y)
+
+    return slope
 
 
 def _steps_recorded(
@@ -255,7 +261,7 @@ def _steps_recorded(
     tableau, most, h = problem.structure.tableau, problem.structure.most, 1.0 / problem.steps
     weights = jnp.asarray(tableau.weights)
     count = len(tableau.places)
-    slope = slope_of(rod, Segment(span[0], span[1], active, span[2]))
+    slope = slope_of(rod, _segment(span, active))
 
     def step(m: Array, carry: tuple) -> tuple:
         state, stages, slopes = carry
@@ -295,11 +301,7 @@ def _steps_backward(
     def linear_at(tau: Array, stage: tuple[RodState, Any]) -> Any:
         nonlocal tree
         y, beta_slope = stage
-        known = _known_slope(rod, span, active, tau, y, beta_slope)
-
-        def slope(rod: Rod, span: tuple, y: RodState) -> RodState:
-            return slope_of(rod, Segment(span[0], span[1], active, span[2]), known)(tau, y)
-
+        slope = _slope_to_linearize(rod, span, active, tau, y, beta_slope)
         leaves, tree = jax.tree.flatten(jax.vjp(slope, rod, span, y)[1])
         return leaves
 

@@ -59,7 +59,7 @@ class Found(NamedTuple):
     """An equilibrium, or how far the branch was followed.
 
     - `unknowns` at full load; `outcome` of the following; `load_fraction`, `iterations`.
-    - `jacobian` of the clamp's equation, of lengths over their compliance. `correction` that Newton would still make.
+    - `jacobian` of the clamp's equation, of lengths over their compliance. `residual` of that equation.
     - `error`: estimated, of the tip [rad, lengths]. `steps` of the last integration, in each segment.
     - `trajectory`: the last integration; where the branch was lost, of the attempt that failed. `rod` at that load.
     - `change`: how the correction after the last integration changes it.
@@ -96,9 +96,8 @@ class _Loop(NamedTuple):
     taut: Array
     prediction: Array  # of the equilibrium, by the last grid
     estimate: Array
-    correction: Array  # and its largest entry
-    size: Array
-    contraction: Array  # of the next one over that
+    correction: Array
+    contraction: Array  # of the next one over it
     is_same_grid: Array  # as in the pass before
     trajectory: Trajectory
     coarse: Trajectory  # the passes of a round on the coarse grid, one for each column, and room for the others
@@ -191,7 +190,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_r
         # of the next correction over this one, and of what a linear change of the arm leaves: measured on one grid,
         # before that bounded by how far the coarse grid was off
         guessed = jnp.where(loop.passes == 0, jnp.minimum(_CONTRACTION * size, 1.0), loop.contraction)
-        measured = jnp.minimum(size / jnp.maximum(loop.size, _TINY), 1.0)
+        measured = jnp.minimum(size / jnp.maximum(_size(loop.correction), _TINY), 1.0)
         contraction = jnp.where(loop.is_same_grid, measured, guessed)
         polished = ~(size * contraction > jnp.clip(1e-2 * settings.error, *_POLISHED)).any() | (
             loop.passes >= _MOST_POLISHES
@@ -207,7 +206,6 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_r
             prediction=jnp.where(counts, root, loop.prediction),
             estimate=estimate,
             correction=jnp.where(alive, step, 0.0),
-            size=size,
             contraction=contraction,
             is_same_grid=~is_settled | is_last,
             value=value,
@@ -248,7 +246,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_r
         is_last=jnp.asarray(False), done=jnp.asarray(False), unknowns=rest, value=nothing, base=at_tip,
         columns=jnp.zeros((outputs, n + 1, *shape)), jacobian=jnp.zeros((outputs, n, *shape)),
         taut=jnp.zeros((len(unknowns.tendons), *shape), bool), prediction=nothing, estimate=zero + jnp.inf,
-        correction=jnp.zeros((n, *shape)), size=zero + jnp.inf, contraction=zero + 1, is_same_grid=jnp.asarray(False),
+        correction=jnp.zeros((n, *shape)), contraction=zero + 1, is_same_grid=jnp.asarray(False),
         trajectory=_no_trajectory(rod, at_tip, most), coarse=_rooms(_no_trajectory(rod, at_tip, coarse_room), n + 2),
     )  # fmt: skip
     loop = lax.while_loop(lambda loop: ~loop.done, one_pass, loop)
@@ -263,7 +261,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_r
     return Found(
         unknowns=loop.unknowns, outcome=outcome, load_fraction=branch.load, iterations=branch.iterations,
         jacobian=branch.jacobian, residual=loop.contraction * _size(loop.value[:n]),
-        error=jnp.maximum(loop.estimate, loop.size * loop.contraction), steps=levels[loop.level],
+        error=jnp.maximum(loop.estimate, _size(loop.correction) * loop.contraction), steps=levels[loop.level],
         trajectory=loop.trajectory, change=_change(loop.coarse, loop.correction), rod=final,
     )  # fmt: skip
 

@@ -185,9 +185,8 @@ def _integrate(
 
         held = lax.stop_gradient(length)
         longest, resolved = _longest_step(drive, lax.stop_gradient(begin), held)
-        dtmax = jnp.where(held > 0, longest / jnp.where(held > 0, held, 1.0), 1.0)
         # what failed once is not tried in every later interval
-        dtmax = jnp.where(came_through, dtmax, 1.0)
+        dtmax = jnp.where(came_through & (held > 0), longest / jnp.where(held > 0, held, 1.0), 1.0)
         dt0 = batched_with(state, jnp.minimum(dtmax, 1.0))
         steps = diffrax.PIDController(rtol=method.rtol, atol=method.atol, dtmax=dtmax, norm=error_norm)
         here = jax.tree.map(lambda leaf: jnp.where(came_through, leaf, 0.0), state)

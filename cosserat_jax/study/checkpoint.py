@@ -6,8 +6,9 @@ import json
 import os
 import warnings
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -18,6 +19,7 @@ try:
 except ImportError:  # where there is no such lock, two runs on one folder are not told from each other
     fcntl = None
 
+_BATCHES = "batch-*.npz"
 _KINDS = "fib"  # of the arrays of a solution: floats, whole numbers, truths
 
 
@@ -39,7 +41,8 @@ class Checkpoint:
         self._lock()
         name = folder / "identity"
         if not name.is_file():
-            self._write(name, self.identity.encode())
+            with _written(name) as file:
+                file.write(self.identity.encode())
         elif changed := _changed(name, kept):
             self.close()
             raise InputError(
@@ -67,15 +70,10 @@ class Checkpoint:
     def save(self, index: int, arrays: list[np.ndarray]) -> None:
         """Keeps the arrays of batch `index`. Raises `OutputError` if they cannot be written; those before stay."""
         path = self._path(index)
-        beside = path.with_name(f"{path.name}.unfinished")
         try:
-            beside.unlink(missing_ok=True)
-            with open(beside, "xb") as file:
+            with _written(path) as file:
                 np.savez(file, *arrays, label=np.array(self._label(index)))
-            os.replace(beside, path)
         except OSError as error:
-            with contextlib.suppress(OSError):
-                beside.unlink(missing_ok=True)
             raise OutputError(
                 f"{path}: cannot be written: {error.strerror or error}; the batches before it are kept in {self.folder}"
             ) from None
@@ -93,13 +91,6 @@ class Checkpoint:
             self.close()
             raise InputError(f"{self.folder} must be free, but another run works on it; wait for it to end") from None
 
-    def _write(self, path: Path, content: bytes) -> None:
-        beside = path.with_name(f"{path.name}.unfinished")
-        beside.unlink(missing_ok=True)
-        with open(beside, "xb") as file:
-            file.write(content)
-        os.replace(beside, path)
-
     def _label(self, index: int) -> str:
         return f"{index} {self.identity}"
 
@@ -112,12 +103,32 @@ def is_checkpoint(folder: Path) -> bool:
     return folder.is_dir() and ((folder / "identity").is_file() or {*os.listdir(folder)} <= {"lock"})
 
 
+def holds_batches(folder: Path) -> bool:
+    """Whether a stopped sweep has left finished batches there."""
+    return any(folder.glob(_BATCHES))
+
+
 def remove(folder: Path) -> None:
     """Removes what a `Checkpoint` wrote into the folder, and the folder if nothing else is in it."""
-    for path in [*folder.glob("batch-*.npz*"), folder / "identity", folder / "identity.unfinished", folder / "lock"]:
+    for path in [*folder.glob(f"{_BATCHES}*"), folder / "identity", folder / "identity.unfinished", folder / "lock"]:
         path.unlink(missing_ok=True)
     with contextlib.suppress(OSError):
         folder.rmdir()
+
+
+@contextlib.contextmanager
+def _written(path: Path) -> Iterator[IO[bytes]]:
+    """A new file beside `path` that is moved there once it is whole; nothing stays of one that cannot be written."""
+    beside = path.with_name(f"{path.name}.unfinished")
+    try:
+        beside.unlink(missing_ok=True)
+        with open(beside, "xb") as file:
+            yield file
+        os.replace(beside, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
+        raise
 
 
 def _changed(name: Path, identity: Mapping[str, str]) -> list[str]:
