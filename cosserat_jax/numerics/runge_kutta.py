@@ -158,12 +158,6 @@ def dense_output(
     count = jnp.max(nodes.steps)
     rows = jax.tree.leaves(nodes.states)[0].shape[1]
     around = min(around, rows)
-    first = jnp.clip(jnp.floor(tau * count).astype(int) - (around - 1) // 2, 0, count - around + 1)
-    middle = (around - 1) / 2
-    local = (tau * count - first) / middle - 1  # from -1 to 1 over the nodes
-    basis = jnp.asarray(_hermite(around))
-    weights = jnp.tensordot(basis, jnp.stack([local**i for i in range(basis.shape[1])]), 1)
-    values, rates = weights[:around], weights[around:] * (middle / count)
     tree = jax.tree.structure(nodes.end)
 
     def stacked(leaves: Any, used: Int[Array, ""]) -> Array:
@@ -174,15 +168,37 @@ def dense_output(
         return values.reshape(-1, *values.shape[2:])
 
     ended = jax.tree.map(lambda leaf, last: leaf.at[:, count].set(last), nodes.states, nodes.end)
-    states, slopes = stacked(ended, count + 1), stacked(nodes.slopes, count)
-    start = first + rows * which
+    middle = (around - 1) / 2
+    states, slopes = stacked(ended, count + 1), stacked(nodes.slopes, count) * (middle / count)
+
+    first = jnp.clip(jnp.floor(tau * count).astype(jnp.int32) - (around - 1) // 2, 0, count - around + 1)
+    local = (tau * count - first) / middle - 1  # from -1 to 1 over the nodes
+    start = (first + rows * which).astype(jnp.int32)
+
+    def weights_at(local: Array) -> tuple[Array, Array]:
+        """Of the states and of the slopes, from row `start` on."""
+        basis = jnp.asarray(_hermite(around))
+        weights = jnp.tensordot(basis, jnp.stack([local**i for i in range(basis.shape[1])]), 1)
+        return weights[:around], weights[around:]
+
     if start.ndim < states.ndim - 1:  # places that the batch shares: a matrix, for reading rows by their number is slow
+        values, rates = weights_at(local)
         matrix = jnp.concatenate([_matrix(values, start, len(states)), _matrix(rates, start, len(states))], axis=1)
         total = jnp.tensordot(matrix, jnp.concatenate([states, slopes]), 1)
     else:
-        parts = [(states, i, w) for i, w in enumerate(values)] + [(slopes, i, w) for i, w in enumerate(rates)]
-        taken = [jnp.take_along_axis(v, (start + i)[:, None], axis=0) * weight[:, None] for v, i, weight in parts]
-        total = ft.reduce(jnp.add, taken)
+
+        def at(place: tuple[Array, Array]) -> Array:
+            start, local = place
+            parts = [
+                (among, i, weight)
+                for among, weights in zip((states, slopes), weights_at(local), strict=True)
+                for i, weight in enumerate(weights)
+            ]
+            taken = [jnp.take_along_axis(v, (start + i)[:, None], axis=0) * weight[:, None] for v, i, weight in parts]
+            return ft.reduce(jnp.add, taken)
+
+        # place after place, or XLA repeats all of it in every use of the result
+        total = lax.map(at, (start[:, None], local[:, None]))[:, 0]
     return jax.tree.unflatten(tree, [total[:, i] for i in range(total.shape[1])])
 
 
