@@ -39,7 +39,7 @@ from solid import Arm, Bent, Loads, Mesh, Rod, Rubber, Solid, rod
 from solid.drawing import draw
 from timing import line, machine, table
 
-from cosserat_jax import load, replace, sweep
+from cosserat_jax import load_scene, replace, sweep
 
 CLAIM = """\
 Claim: at every load the incompressible rod is within 2e-4 of the length of the solid, everywhere along the arm. The two
@@ -96,7 +96,7 @@ def mesh(arm: Arm, *size: int) -> Mesh:
 
 def package_rods() -> dict[str, dict[str, Shape]]:
     """Shapes of the package's rods, by load and by name of section and factor."""
-    octopus = load("octopus")
+    octopus = load_scene("octopus")
     air = dataclasses.replace(octopus, water=None, gravity=None)
     water = replace(octopus, {"muscles.0.tension": 20.0})
     runs = (

@@ -33,7 +33,7 @@ from collocation import plain, reference
 from matplotlib.figure import Figure
 from timing import in_turn, line, machine, options, spread, table, timed
 
-from cosserat_jax import Arm, Automatic, Gravity, Muscle, Scene, SingleShooting, Solution, load, replace, solve
+from cosserat_jax import Arm, Automatic, Gravity, Muscle, Scene, SingleShooting, Solution, load_scene, replace, solve
 from cosserat_jax.solver import Method, outcome_codes
 from cosserat_jax.solver.solve import places_of
 from cosserat_jax.study.batch import solve_rods
@@ -57,9 +57,9 @@ def in_air(length: float, radii: tuple[float, float], modulus: float, muscles: l
 SOFT = [(1.0, 0.69, 0.006, 0.0025, 1), (0.1, None, 0.006, 0.0015, -1), (0.3, 0.42, 0.006, 0.004, 1)]
 HARD = [(600.0, 0.69, 0.012, 0.002, 1), (100.0, None, 0.012, 0.0008, -1), (150.0, 0.46, 0.012, 0.005, 1)]
 SCENES = {
-    "(a) octopus": load("octopus"),
+    "(a) octopus": load_scene("octopus"),
     "(b) slender, soft, in air": in_air(0.4, (0.008, 0.002), 1e6, SOFT),
-    "(c) strong current": replace(load("octopus"), {"water.velocity": 1.0}),
+    "(c) strong current": replace(load_scene("octopus"), {"water.velocity": 1.0}),
     "(d) stiff": in_air(0.418, (0.015, 0.001), 1e9, HARD),
 }
 SOLVERS = {name: getattr(diffrax, name)() for name in ("Dopri8", "Dopri5", "Tsit5")}

@@ -26,7 +26,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from timing import compiled, in_turn, line, machine, options, spread, table, timed
 
-from cosserat_jax import Calibration, Pulses, Scene, actuate, fit, load, parameters, replace, solve
+from cosserat_jax import Calibration, Pulses, Scene, actuate, fit, load_scene, parameters, replace, solve
 
 CLAIM = """\
 Claim: `fit` finds the hidden parameters to 1e-5, at least 20 times as fast, once compiled, as SciPy with finite
@@ -56,7 +56,7 @@ def tips(scene: Scene, tol: float) -> np.ndarray:
 
 def beside_scipy() -> tuple[Calibration, float, list[list[Any]]]:
     """The fit, how many times as long SciPy takes, and the rows of the table."""
-    start = load("octopus")
+    start = load_scene("octopus")
     measured = tips(replace(start, HIDDEN), 1e-9)
     data = {"muscles.0.tension [N]": TENSIONS, "water.velocity [m/s]": CURRENTS}
     data |= {"tip.x [m]": measured[:, 0], "tip.y [m]": measured[:, 1]}
@@ -91,7 +91,7 @@ def beside_scipy() -> tuple[Calibration, float, list[list[Any]]]:
 def gradients() -> tuple[float, float]:
     """The ratio of value and gradient by eight parameters to a solve, the worse of the two modes, and seconds to
     compile, the better of them."""
-    scene = load("octopus")
+    scene = load_scene("octopus")
     values = parameters(scene)
     at = jnp.array([float(values[path]) for path in EIGHT])
 
@@ -129,7 +129,7 @@ def coverage(found: Calibration, repeats: int) -> list[float]:
 
 def muscle_record() -> None:
     """Constants of a TCAM from a noisy record of 20 s."""
-    driven = load("octopus-tcam")
+    driven = load_scene("octopus-tcam")
     hidden = {"thermal_mass": 0.21, "conductance": 0.0123, "tension_gain": 0.29}
     pulses = Pulses(amplitude=9.0, width=2.0, period=5.0, number=4)
     scene = eqx.tree_at(lambda scene: scene.muscles[0].tcam.voltage, driven, pulses)
@@ -161,7 +161,7 @@ def muscle_record() -> None:
 
 def voltage_to_tip() -> None:
     """Modulus and gain from a record of the tip: what such data do not tell apart."""
-    scene = load("octopus-tcam")
+    scene = load_scene("octopus-tcam")
     times = np.linspace(0.5, 6.0, 12)
     hidden = {"arm.youngs_modulus": 9e6, "muscles.0.tcam.tension_gain": 0.3}
     motion = actuate(replace(scene, hidden), times)
@@ -180,7 +180,7 @@ def voltage_to_tip() -> None:
 def paper() -> None:
     """The paper's two tip heights."""
     data = {"water.velocity [m/s]": [0.2, 0.4], "tip.y [cm]": [11.65, 10.56]}
-    found = fit(load("octopus"), data, list(HIDDEN), sigma="0.005 cm")
+    found = fit(load_scene("octopus"), data, list(HIDDEN), sigma="0.005 cm")
     line("the paper's heights", found.message, "; ".join(found.warnings))
     for path, value in found.values.items():
         line(

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosserat_jax import Scene, load, replace
+from cosserat_jax import Scene, load_scene, replace
 
 Array = NDArray[np.float64]
 Tip = tuple[float, float]
@@ -255,10 +255,10 @@ class Trial(NamedTuple):
 
 
 SCENES = {
-    "octopus": load("octopus"),
+    "octopus": load_scene("octopus"),
     # the preset elastica with the stretch and shear that its radius of 1 cm gives it
-    "cantilever": replace(load("elastica"), {"arm.stiffness.axial": 4e4, "arm.stiffness.shear": 4e4 / 3}),
-    "tendon-robot, 15 N": replace(load("tendon-robot"), {"muscles.0.tension": 15.0}),
+    "cantilever": replace(load_scene("elastica"), {"arm.stiffness.axial": 4e4, "arm.stiffness.shear": 4e4 / 3}),
+    "tendon-robot, 15 N": replace(load_scene("tendon-robot"), {"muscles.0.tension": 15.0}),
 }
 # where the reference formulation of the tests is another model: its rod weighs more as it stretches
 TIPS = {"tendon-robot, 15 N": (0.4532292709, -0.1822116945)}

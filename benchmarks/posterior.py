@@ -16,7 +16,7 @@ import numpy as np
 from blackjax.diagnostics import effective_sample_size
 from timing import line, machine, options, timed
 
-from cosserat_jax import Calibration, fit, load, replace, solve
+from cosserat_jax import Calibration, fit, load_scene, replace, solve
 
 CLAIM = """\
 Claim: at 0.05 mm mean and spread of the samples agree with the fit's values and standard errors to within 10 % of the
@@ -29,7 +29,7 @@ TENSIONS, CURRENTS = np.array([5.0, 20.0, 5.0, 20.0, 12.0]), np.array([0.2, 0.2,
 
 def fitted(sigma: float) -> Calibration:
     """A fit to noisy tips of the hidden arm."""
-    arm = replace(load("octopus"), {"arm.cross_section": "rigid"})
+    arm = replace(load_scene("octopus"), {"arm.cross_section": "rigid"})
     hidden = replace(arm, HIDDEN)
     pairs = zip(TENSIONS, CURRENTS, strict=True)
     tips = [solve(replace(hidden, {"muscles.0.tension": t, "water.velocity": v})).tip for t, v in pairs]

@@ -21,9 +21,9 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 from timing import line, machine, options, seconds, table, timed
 
-from cosserat_jax import Reach, Scene, SingleShooting, load, reach, replace, solve
-from cosserat_jax.study.starts import grid
-from cosserat_jax.study.workspace import Arms
+from cosserat_jax import Reach, Scene, SingleShooting, load_scene, reach, replace, solve
+from cosserat_jax.study.inverse.multistart import grid
+from cosserat_jax.study.inverse.workspace import Arms
 
 CLAIM = """\
 Claim: of 200 random targets within reach all are reached to 1e-8 m, of targets out of reach none, for two and three
@@ -34,9 +34,9 @@ METHOD = SingleShooting()
 
 def scenes() -> dict[str, Scene]:
     """The octopus arm with an antagonist, and the arm with three muscles; both in water, with weight."""
-    octopus = load("octopus")
+    octopus = load_scene("octopus")
     pair = (octopus.muscles[0], dataclasses.replace(octopus.muscles[0], side=-1))
-    return {"two muscles": dataclasses.replace(octopus, muscles=pair), "three muscles": load("two-segments")}
+    return {"two muscles": dataclasses.replace(octopus, muscles=pair), "three muscles": load_scene("two-segments")}
 
 
 def one_case(name: str, scene: Scene, targets: int, compared: int) -> list[Any]:

@@ -49,7 +49,7 @@ from cosserat_jax import (
     SingleShooting,
     Solution,
     dumps,
-    load,
+    load_scene,
     replace,
     solve,
     sweep,
@@ -153,7 +153,7 @@ def gradient_errors(scenes: list[Scene], solution: Solution, count: int) -> list
 
 def outcome_maps(path: Path, size: int) -> None:
     """Outcomes of a soft octopus arm over tension and slenderness, and over velocity and modulus."""
-    octopus = replace(load("octopus"), {"arm.youngs_modulus": 1e6, "water.velocity": -0.3})
+    octopus = replace(load_scene("octopus"), {"arm.youngs_modulus": 1e6, "water.velocity": -0.3})
     pulled = replace(octopus, {"muscles.0.tension": 1.0})
     length, tension = np.geomspace(0.15, 1.5, size), np.linspace(0.0, 4.0, size)
     modulus, speed = np.geomspace(2e5, 1e9, size), np.linspace(-2.0, 2.0, size)

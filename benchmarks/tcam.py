@@ -32,7 +32,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from timing import compiled, in_turn, line, machine, options, spread, stages, table, timed
 
-from cosserat_jax import TCAM, ResponseOutcome, Sinusoid, TimeStepping, actuate, load, replace, tcam_response
+from cosserat_jax import TCAM, ResponseOutcome, Sinusoid, TimeStepping, actuate, load_scene, replace, tcam_response
 from cosserat_jax.physics.tcam import damping_coefficient, spring_coefficient, tension_gain
 
 CLAIM = """\
@@ -185,12 +185,12 @@ def compared(runs: list[Run]) -> tuple[float, float, dict[str, float]]:
 
 def motion(repeats: int) -> None:
     """Prints compile and run time of `actuate` on the octopus's arm, and of its gradient by the voltage."""
-    scene, times = load("octopus-tcam"), np.linspace(0.0, 6.28, 500)
+    scene, times = load_scene("octopus-tcam"), np.linspace(0.0, 6.28, 500)
 
     def moved(amplitude: float):
         return actuate(replace(scene, {"muscles.0.tcam.voltage.amplitude": amplitude}), times)
 
-    print(f"\nactuate(load('octopus-tcam'), {times.size} instants to 6.28 s)")
+    print(f"\nactuate(load_scene('octopus-tcam'), {times.size} instants to 6.28 s)")
     run = compiled("actuate", moved, 9.0)
     tip_height = jax.value_and_grad(lambda amplitude: moved(amplitude).solution.tip.y[-1])
     run_gradient = compiled("value and gradient", tip_height, 9.0)

@@ -46,10 +46,10 @@ from collocation import plain, reference
 from other_solvers import SCENES, TIPS, TRIALS
 from timing import about, cpu, cpu_in_turn, stages
 
-from cosserat_jax import Gravity, Muscle, Scene, load, parameters, replace, solve, sweep
+from cosserat_jax import Gravity, Muscle, Scene, load_scene, parameters, replace, solve, sweep
 from cosserat_jax.scene.quantity import as_floats
 
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 OWN_SWEEP = {"muscles.0.tension": np.linspace(0.0, 20.0, 41), "water.velocity": np.array([0.2, 0.4])}  # the preset's
 SIZES = (1024, 4096, 65536)
 BATCH = 256
@@ -123,7 +123,7 @@ def _shown(cell: Any) -> str:
 def compile_times(report: Report) -> None:
     """Of the program that solves one rod."""
     rows = []
-    for name, scene in {"octopus": OCTOPUS, "two-segments": load("two-segments"), "full": full_scene()}.items():
+    for name, scene in {"octopus": OCTOPUS, "two-segments": load_scene("two-segments"), "full": full_scene()}.items():
         times = stages(lambda scene: solve(scene, throw=False), as_floats(scene), time.process_time)[1]
         jax.clear_caches()
         wall = time.perf_counter()

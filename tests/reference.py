@@ -44,7 +44,7 @@ NAMES = ("x", "y", "theta", "n_a", "n_b", "mu", "beta")
 
 
 class Rod:
-    """Equations of one scene. Arrays are ([muscles,] pieces, points); `load` is lambda, `bulge` P."""
+    """Equations of one scene. Arrays are ([muscles,] pieces, points); `load_scene` is lambda, `bulge` P."""
 
     def __init__(self, scene: Scene) -> None:
         arm, tip, muscles = scene["arm"], scene.get("tip", {}), scene.get("muscles", [])

@@ -14,14 +14,14 @@ from cosserat_jax import (
     TimeStepping,
     actuate,
     gain_from_measurement,
-    load,
+    load_scene,
     parameters,
     replace,
     solve,
 )
 from cosserat_jax.study import with_tensions
 
-OCTOPUS = load("octopus-tcam")
+OCTOPUS = load_scene("octopus-tcam")
 TIMES = np.linspace(0, 6.28, 5)
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
 STEPPING = TimeStepping.suited_to(OCTOPUS.muscles[0].tcam)
@@ -44,7 +44,7 @@ def test_the_preset_pulls_with_25_newton_at_the_paper_s_temperature(actuation):
 
 
 def test_each_instant_is_the_equilibrium_under_that_instant_s_tension(actuation):
-    octopus = load("octopus")
+    octopus = load_scene("octopus")
     assert actuation.solution.converged.all()
     for i in (0, 2, 4):
         tension = float(actuation.responses[0].tension[i])
@@ -54,10 +54,10 @@ def test_each_instant_is_the_equilibrium_under_that_instant_s_tension(actuation)
 
 
 def test_only_the_muscles_with_a_tcam_get_another_tension():
-    passive = dataclasses.replace(load("octopus").muscles[0], tension=6.0, side=-1)
+    passive = dataclasses.replace(load_scene("octopus").muscles[0], tension=6.0, side=-1)
     scene = dataclasses.replace(OCTOPUS, muscles=(passive, *OCTOPUS.muscles))
     pulled = with_tensions(scene, {1: 9.0}).muscles
-    assert pulled == (passive, dataclasses.replace(load("octopus").muscles[0], tension=9.0))
+    assert pulled == (passive, dataclasses.replace(load_scene("octopus").muscles[0], tension=9.0))
 
 
 def test_an_instant_without_equilibrium_and_a_muscle_too_hot_are_marked_and_nothing_stops():
@@ -75,7 +75,7 @@ def test_an_instant_without_equilibrium_and_a_muscle_too_hot_are_marked_and_noth
 
 def test_a_scene_that_cannot_be_actuated_or_solved_says_what_to_use():
     with pytest.raises(InputError, match="at least one muscle that a TCAM drives"):
-        actuate(load("octopus"), TIMES)
+        actuate(load_scene("octopus"), TIMES)
     with pytest.raises(InputError, match=r"muscles\.0\.tcam: .*allowed: actuate"):
         solve(OCTOPUS)
     with pytest.raises(InputError, match=r"times: not in order"):

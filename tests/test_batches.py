@@ -16,14 +16,14 @@ from cosserat_jax import (
     SingleShooting,
     TimeStepping,
     Tip,
-    load,
+    load_scene,
     replace,
     solve,
     tcam_response,
 )
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 TWO = dataclasses.replace(  # two segments, a given contraction, a current that changes with height, a load on the tip
     OCTOPUS,
     muscles=(
@@ -145,7 +145,7 @@ def test_no_program_calls_back_to_python(method: SingleShooting | MultipleShooti
 
 @pytest.mark.parametrize("solver", [diffrax.Tsit5(), diffrax.Kvaerno5()], ids=["explicit", "implicit"])
 def test_no_program_of_a_muscle_over_time_calls_back_to_python(solver: diffrax.AbstractSolver):
-    tcam, method = load("octopus-tcam").muscles[0].tcam, TimeStepping(solver)
+    tcam, method = load_scene("octopus-tcam").muscles[0].tcam, TimeStepping(solver)
 
     def tension(times: jax.Array) -> jax.Array:
         return tcam_response(tcam, times, method).tension

@@ -6,9 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from cosserat_jax import load, replace, solve, sweep
+from cosserat_jax import load_scene, replace, solve, sweep
 
-PLAIN = load("elastica")  # one compiled program serves every rod under a dead force and moment
+PLAIN = load_scene("elastica")  # one compiled program serves every rod under a dead force and moment
 
 
 @pytest.mark.parametrize(
@@ -41,19 +41,19 @@ def test_rod_rolls_up_to_a_full_circle_under_a_tip_moment():
 )
 def test_follower_tip_force(load_parameter, x, y):
     """P L^2 / EI on an inextensible rod, the force turning with the tip (Argyris & Symeonidis 1981)."""
-    tip = solve(replace(load("follower"), {"tip.force.1": load_parameter})).tip
+    tip = solve(replace(load_scene("follower"), {"tip.force.1": load_parameter})).tip
     np.testing.assert_allclose([tip.x, tip.y], [x, y], atol=1e-9)
 
 
 def test_large_stretch_and_shear():
     """Harsch, Capobianco & Eugster 2021: the linear Cosserat law far outside the elastica."""
-    tip = solve(load("stretch-shear")).tip
+    tip = solve(load_scene("stretch-shear")).tip
     np.testing.assert_allclose([tip.x, tip.y, tip.theta], [4.60759500, -5.24233299, 0.22104592], atol=1e-8)
 
 
 def test_timoshenko_cantilever_in_its_small_load_limit():
     """F L^3 / 3 EI + F L / k G A for the load on a millionth part, deflection scaled back."""
-    scene = load("timoshenko")
+    scene = load_scene("timoshenko")
     slope = jax.grad(lambda force: solve(replace(scene, {"tip.force.1": force})).tip.y)(0.0)
     assert -15.0 * -slope == pytest.approx(0.0677702968, abs=1e-10)
     stiffness = scene.arm.stiffness
@@ -64,7 +64,7 @@ def test_timoshenko_cantilever_in_its_small_load_limit():
 
 def test_parallel_tendon_bends_an_unloaded_rod_to_an_arc():
     """Exact for a unit tangent: kappa = r T / EI, nu = 1 - T / EA."""
-    scene = replace(load("tendon-robot"), {"gravity.acceleration": 0.0, "muscles.0.tension": 15.0})
+    scene = replace(load_scene("tendon-robot"), {"gravity.acceleration": 0.0, "muscles.0.tension": 15.0})
     fields = solve(scene).fields
     stiffness, muscle = scene.arm.stiffness, scene.muscles[0]
     curvature = -muscle.base_offset * muscle.tension / stiffness.bending
@@ -85,13 +85,13 @@ def test_parallel_tendon_bends_an_unloaded_rod_to_an_arc():
 )
 def test_tendon_robot_under_its_weight(tension, bend, axial):
     """The robot of Till, Aloi & Rucker 2019 hanging sideways, where their solver stops converging too."""
-    tip = solve(replace(load("tendon-robot"), {"muscles.0.tension": tension})).tip
+    tip = solve(replace(load_scene("tendon-robot"), {"muscles.0.tension": tension})).tip
     np.testing.assert_allclose([-tip.y, tip.x], [bend, axial], atol=2e-9)
 
 
 def test_branch_trap_returns_the_equilibrium_of_proportional_loading():
     """At 0.5 N the lateral load is 7.9 EI / L^2; the deflection goes first, the axial place second."""
-    tip = solve(load("branch-trap")).tip
+    tip = solve(load_scene("branch-trap")).tip
     np.testing.assert_allclose([tip.y, tip.x], [0.31308252, 0.19976997], atol=1e-8)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cosserat_jax.errors import InputError, OutputError
-from cosserat_jax.report.writing import written_whole
+from cosserat_jax.report.output_files import written_whole
 from cosserat_jax.study.checkpoint import Checkpoint, remove
 
 IDENTITY = {"scene": "an arm", "grid": "0, 1", "version of diffrax": "1"}
@@ -130,7 +130,7 @@ def test_an_output_is_written_to_a_new_file_that_no_link_leads_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "diary.txt").write_text("the only copy")
-    monkeypatch.setattr("cosserat_jax.report.writing._beside", lambda place: tmp_path / "beside")
+    monkeypatch.setattr("cosserat_jax.report.output_files._beside", lambda place: tmp_path / "beside")
     (tmp_path / "beside").symlink_to(tmp_path / "diary.txt")
     with pytest.raises(OutputError), written_whole(tmp_path / "a.nc") as beside:
         beside.write_text("new")

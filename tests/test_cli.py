@@ -92,7 +92,7 @@ def test_solve_json_is_the_contract_s_line(run: Run) -> None:
 
 
 def test_solve_prints_a_line_for_a_scene_that_has_no_solution_and_goes_on(run: Run, tmp_path: Path) -> None:
-    stuck = cosserat_jax.replace(cosserat_jax.load("octopus"), {"water.velocity": -5.0})
+    stuck = cosserat_jax.replace(cosserat_jax.load_scene("octopus"), {"water.velocity": -5.0})
     (tmp_path / "stuck.toml").write_text(cosserat_jax.dumps(stuck))
     ran = run("solve", "octopus", "stuck.toml", "octopus", "--json")
     assert (ran.status, ran.err) == (1, "")
@@ -186,7 +186,7 @@ def test_sweep_writes_netcdf_that_reads_back_complete(run: Run, tmp_path: Path) 
             assert {"units", "long_name"} <= set(variable.attrs), name
         assert {"scene", "versions", "method"} <= set(data.attrs)
         (tmp_path / "scene.toml").write_text(data.attrs["scene"])
-        scene = cosserat_jax.load(tmp_path / "scene.toml")
+        scene = cosserat_jax.load_scene(tmp_path / "scene.toml")
         for i, velocity in enumerate(data["water.velocity"].values):
             alone = cosserat_jax.solve(cosserat_jax.replace(scene, {"water.velocity": velocity}))
             assert float(data["tip_y"][i]) == pytest.approx(float(alone.tip.y), abs=1e-8)
@@ -203,7 +203,7 @@ def test_sweep_without_files_prints_a_table_and_writes_nothing(run: Run, tmp_pat
 
 
 def test_sweep_runs_the_file_s_own_ranges_when_told_nothing(run: Run, tmp_path: Path) -> None:
-    text = cosserat_jax.dumps(cosserat_jax.load("octopus")).partition("[sweep]")[0]
+    text = cosserat_jax.dumps(cosserat_jax.load_scene("octopus")).partition("[sweep]")[0]
     (tmp_path / "arm.toml").write_text(text + '\n[sweep]\n"water.velocity" = "0.2, 0.4 m/s"\n')
     ran = run("sweep", "arm.toml")
     assert (ran.status, ran.err) == (0, "")
@@ -445,4 +445,4 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_a_good_file_is_what_the_bad_ones_were_made_from(run: Run, tmp_path: Path) -> None:
     (tmp_path / "arm.toml").write_text(GOOD)
     assert all(old in GOOD for old, _, _ in BAD_FILES.values())
-    assert cosserat_jax.load("arm.toml").muscles
+    assert cosserat_jax.load_scene("arm.toml").muscles

@@ -53,7 +53,7 @@ UNITS = {
 
 @pytest.fixture(scope="module")
 def actuation() -> Actuation:
-    return cosserat_jax.actuate(cosserat_jax.load("octopus-tcam"), np.linspace(0, 6.28, 5))
+    return cosserat_jax.actuate(cosserat_jax.load_scene("octopus-tcam"), np.linspace(0, 6.28, 5))
 
 
 # --- what it prints
@@ -185,8 +185,8 @@ def test_netcdf_reads_back_complete(run: Run, tmp_path: Path) -> None:
         assert {name: data[name].attrs["units"] for name in UNITS} == UNITS
         assert {"title", "scene", "versions", "date"} <= set(data.attrs)
         (tmp_path / "scene.toml").write_text(data.attrs["scene"])
-        scene = cosserat_jax.load(tmp_path / "scene.toml")
-        assert parameters(scene) == parameters(cosserat_jax.load("octopus-tcam"))
+        scene = cosserat_jax.load_scene(tmp_path / "scene.toml")
+        assert parameters(scene) == parameters(cosserat_jax.load_scene("octopus-tcam"))
 
         t = data["time"].values
         np.testing.assert_allclose(t, [0, 1.57, 3.14, 4.71, 6.28], rtol=1e-14)
@@ -268,7 +268,7 @@ def test_an_mp4_is_asked_for_only_where_there_is_ffmpeg(
 ) -> None:
     drawn = []
     monkeypatch.setattr("matplotlib.animation.writers.is_available", lambda name: ffmpeg)
-    monkeypatch.setattr("cosserat_jax.report.motion.save_animation", lambda _, place: drawn.append(place))
+    monkeypatch.setattr("cosserat_jax.report.figures.actuation.save_animation", lambda _, place: drawn.append(place))
     ran = run(*ACTUATE, "--plot", "a.mp4")
     if ffmpeg:
         assert (ran.status, ran.err, drawn) == (0, "", [tmp_path / "a.mp4"])
@@ -384,4 +384,4 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_good_files_are_what_the_bad_ones_were_made_from(run: Run, tmp_path: Path, voltage: str) -> None:
     (tmp_path / "arm.toml").write_text(GOOD.replace(SINE, voltage))
     assert all(old in GOOD for old, _, _ in BAD_FILES.values())
-    assert cosserat_jax.load("arm.toml").muscles[0].tcam is not None
+    assert cosserat_jax.load_scene("arm.toml").muscles[0].tcam is not None

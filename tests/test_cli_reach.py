@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from command import Run, assert_one_line_and_nothing_left
 
-from cosserat_jax import Reach, ReachOutcome, load, reach, replace, solve
-from cosserat_jax.report.reach import reach_figure, workspace_figure
+from cosserat_jax import Reach, ReachOutcome, load_scene, reach, replace, solve
+from cosserat_jax.report.figures import reach_figure, workspace_figure
 
 SCENE = """
 [arm]
@@ -50,7 +50,7 @@ def scene(tmp_path: Path) -> str:
 
 
 def tip_at(scene: str, first: float, second: float) -> tuple[float, float]:
-    tip = solve(replace(load(scene), {"muscles.0.tension": first, "muscles.1.tension": second})).tip
+    tip = solve(replace(load_scene(scene), {"muscles.0.tension": first, "muscles.1.tension": second})).tip
     return float(tip.x), float(tip.y)
 
 
@@ -99,7 +99,7 @@ def test_figures_show_arms_targets_and_workspace(tmp_path: Path, scene: str, one
     (tmp_path / scene).write_text(SCENE)
     free = {f"muscles.{i}.tension": (0, 30) for i in range(2)}
     targets = [[0.4, 0.02], [0.5, 0.1], [0.38, -0.1]]
-    found: Reach = reach(load(str(tmp_path / scene)), targets[1] if one else targets, free)
+    found: Reach = reach(load_scene(str(tmp_path / scene)), targets[1] if one else targets, free)
     axes, values = reach_figure(found).axes
     assert len([line for line in axes.lines if line.get_gid() == "target"]) == (1 if one else 3)
     assert len([line for line in axes.lines if line.get_gid() == "missed"]) == int(np.sum(~found.reached)) > 0
@@ -118,7 +118,7 @@ def test_a_voltage_is_read_in_volts(run: Run, monkeypatch: pytest.MonkeyPatch) -
         asked.append(arguments[1:])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cosserat_jax.study.reach", stopped)
+    monkeypatch.setattr("cosserat_jax.study.inverse.reach", stopped)
     words = ["reach", "octopus-tcam", "--target", "35, 8 cm", "--free", "muscles.0.tcam.voltage=500:9000 mV"]
     assert run(*words, "water.velocity=0:0.3 m/s", "--at", "30 cm").status == 130
     ((target, free, at),) = asked

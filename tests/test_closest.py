@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, minimize
 
-from cosserat_jax.study.closest import Effort, Images, closest
-from cosserat_jax.study.starts import best_of, grid, starts
+from cosserat_jax.study.inverse.box_least_squares import Effort, Images, closest
+from cosserat_jax.study.inverse.multistart import best_of, grid, starts
 
 LINKS, WIDTH = np.array([0.5, 0.3, 0.2]), 2.0  # the angles of the joints are -1 to 1 rad
 EFFORT = Effort(np.full(3, -1.0), np.full(3, WIDTH))  # the squared angles

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import reference
 
-from cosserat_jax import Outcome, SingleShooting, Solution, load, replace, solve
+from cosserat_jax import Outcome, SingleShooting, Solution, load_scene, replace, solve
 
 SEED = 2026
 # to 28 like the default, whose program they share
@@ -48,7 +48,7 @@ def test_error_is_not_underestimated_beside_collocation(number: int):
 
 
 def test_a_rod_whose_error_is_larger_than_asked_for_says_so():
-    rigid = replace(load("octopus"), {"arm.cross_section": "rigid"})
+    rigid = replace(load_scene("octopus"), {"arm.cross_section": "rigid"})
     found = solve(rigid, SingleShooting(error=1e-13, steps=(6, 8)), points=2, throw=False)
     assert Outcome[found.outcome] == Outcome[Outcome.inaccurate]
     assert found.error > 1e-13
@@ -57,7 +57,7 @@ def test_a_rod_whose_error_is_larger_than_asked_for_says_so():
 
 
 def test_steps_are_as_many_as_the_error_asks_for():
-    scene = load("octopus")
+    scene = load_scene("octopus")
     loose, tight = (solve(scene, SingleShooting(error=error), points=2) for error in (1e-5, 1e-10))
     assert loose.steps < tight.steps
     assert loose.error < 1e-5

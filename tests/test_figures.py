@@ -11,10 +11,10 @@ import pytest
 from drawn import by_gid, overlapping_words, words
 from matplotlib.figure import Figure
 
-from cosserat_jax import Outcome, Scene, Solution, Sweep, load, replace, sweep
+from cosserat_jax import Outcome, Scene, Solution, Sweep, load_scene, replace, sweep
 from cosserat_jax.report import figures
-from cosserat_jax.report.arm import draw_arm, draw_directors, draw_surroundings, surfaces
-from cosserat_jax.report.layout import Layout, prefixed, spread
+from cosserat_jax.report.figures.arm import draw_arm, draw_directors, draw_surroundings, surfaces
+from cosserat_jax.report.figures.layout import Layout, prefixed, spread
 
 END = 0.3  # m, of the muscle; between two of the points at which the fields are held
 OF_SWEEPS = [
@@ -31,7 +31,7 @@ named = pytest.mark.parametrize("draw", OF_SWEEPS, ids=lambda draw: draw.__name_
 @pytest.fixture(scope="module")
 def swept() -> Sweep:
     over = {"muscles.0.tension": [0.0, 10.0, 20.0], "water.velocity": [0.2, 0.4]}
-    return sweep(load("octopus"), over, points=15)
+    return sweep(load_scene("octopus"), over, points=15)
 
 
 def one_rod(swept: Sweep, *index: int) -> tuple[Scene, Solution]:

@@ -17,13 +17,13 @@ from conversion import plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cosserat_jax import InputError, Pulses, fit, load, read_measurements, replace, solve, tcam_response
+from cosserat_jax import InputError, Pulses, fit, load_scene, read_measurements, replace, solve, tcam_response
 from cosserat_jax.solver import SingleShooting
-from cosserat_jax.study.doubts import doubts
-from cosserat_jax.study.free import free_parameters
-from cosserat_jax.study.predict import Model
-from cosserat_jax.study.problem import LOSSES
-from cosserat_jax.study.uncertainty import not_told_apart, uncertainty
+from cosserat_jax.study.calibration.diagnostics import doubts
+from cosserat_jax.study.calibration.forward_model import Model
+from cosserat_jax.study.calibration.residuals import LOSSES
+from cosserat_jax.study.calibration.uncertainty import not_told_apart, uncertainty
+from cosserat_jax.study.free_parameters import free_parameters
 
 HIDDEN = {"arm.youngs_modulus": 8.3e6, "water.inlet_fraction": 0.62}
 FREE = list(HIDDEN)
@@ -35,7 +35,7 @@ SIGMA = 5e-5  # m
 @pytest.fixture(scope="module")
 def tips() -> dict[str, np.ndarray]:
     """Tips of the hidden arm by SciPy collocation."""
-    hidden = replace(load("octopus"), HIDDEN)
+    hidden = replace(load_scene("octopus"), HIDDEN)
     found = []
     for tension, current in zip(TENSIONS, CURRENTS, strict=True):
         scene = replace(hidden, {"muscles.0.tension": tension, "water.velocity": current})
@@ -47,7 +47,7 @@ def tips() -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def exact(tips):
-    return fit(load("octopus"), tips, FREE, sigma=SIGMA)
+    return fit(load_scene("octopus"), tips, FREE, sigma=SIGMA)
 
 
 def test_a_twin_gives_its_hidden_parameters_back(exact):
@@ -77,7 +77,7 @@ def test_outliers_are_told_by_chi_squared_and_a_robust_loss_finds_the_minimum_be
     y = tips["tip.y [m]"].copy()
     y[[1, 3]] += [0.1, -0.1]
     spoilt = tips | {"tip.y [m]": y}
-    linear, robust = (fit(load("octopus"), spoilt, FREE, sigma=SIGMA, loss=loss) for loss in ("linear", "cauchy"))
+    linear, robust = (fit(load_scene("octopus"), spoilt, FREE, sigma=SIGMA, loss=loss) for loss in ("linear", "cauchy"))
     assert linear.converged
     assert linear.chi2_per_dof > 1e4
     assert any("chi squared" in line for line in linear.warnings)
@@ -87,7 +87,7 @@ def test_outliers_are_told_by_chi_squared_and_a_robust_loss_finds_the_minimum_be
 
 
 def test_data_that_the_scene_can_hardly_explain_are_doubted_at_once(tips):
-    scene, free = load("octopus"), free_parameters(load("octopus"), FREE)
+    scene, free = load_scene("octopus"), free_parameters(load_scene("octopus"), FREE)
     assert doubts(scene, (read_measurements(scene, tips, SIGMA),), free) == ()
     centimeters = read_measurements(scene, {"tip.y": [1.4, 6.0]})
     with pytest.raises(InputError, match=r"tip\.y must be within reach, but is 1\.4 m .* a head without a unit"):
@@ -137,7 +137,7 @@ def test_no_parameter_inside_its_bounds_leaves_nothing_to_tell_apart():
 def test_without_sigma_the_error_comes_from_the_residuals(tips):
     rng = np.random.default_rng(3)
     noisy = tips | {name: tips[name] + rng.normal(scale=SIGMA, size=5) for name in ("tip.x [m]", "tip.y [m]")}
-    known, unknown = fit(load("octopus"), noisy, FREE, sigma=SIGMA), fit(load("octopus"), noisy, FREE)
+    known, unknown = fit(load_scene("octopus"), noisy, FREE, sigma=SIGMA), fit(load_scene("octopus"), noisy, FREE)
     assert unknown.values["arm.youngs_modulus"] == pytest.approx(known.values["arm.youngs_modulus"], rel=1e-6)
     estimated = np.sqrt(known.chi_squared / known.dof)
     for path in FREE:
@@ -148,7 +148,7 @@ def test_without_sigma_the_error_comes_from_the_residuals(tips):
 def test_a_missing_measurement_does_not_count(tips, exact):
     y = tips["tip.y [m]"].copy()
     y[1] = np.nan
-    found = fit(load("octopus"), tips | {"tip.y [m]": y}, FREE, sigma=SIGMA)
+    found = fit(load_scene("octopus"), tips | {"tip.y [m]": y}, FREE, sigma=SIGMA)
     assert found.dof == exact.dof - 1
     assert found.values["arm.youngs_modulus"] == pytest.approx(HIDDEN["arm.youngs_modulus"], rel=1e-5)
     assert np.isnan(found.residuals[0][1, 1])
@@ -163,7 +163,7 @@ MUSCLE_SIGMA = {"muscles.0.tcam.temperature": "0.5 degC", "muscles.0.tcam.tensio
 def driven():
     """A muscle under two pulses of 9 V, and its noisy record of 20 s by SciPy."""
     pulses = Pulses(amplitude=9.0, width=4.0, period=10.0, number=2)
-    scene = eqx.tree_at(lambda scene: scene.muscles[0].tcam.voltage, load("octopus-tcam"), pulses)
+    scene = eqx.tree_at(lambda scene: scene.muscles[0].tcam.voltage, load_scene("octopus-tcam"), pulses)
     tcam, times = scene.muscles[0].tcam, np.linspace(0.2, 20.0, 100)
 
     def rate(t, rise):
@@ -238,7 +238,7 @@ def test_resistance_and_heat_cannot_be_told_apart_by_temperature(driven):
 @pytest.mark.slow
 def test_markers_under_a_voltage_give_the_modulus_but_not_with_the_gain_as_well():
     """The marker is seen on an arm pulled by the tension of that instant, with a point every millimetre."""
-    scene = replace(load("octopus-tcam"), {"arm.cross_section": "rigid"})
+    scene = replace(load_scene("octopus-tcam"), {"arm.cross_section": "rigid"})
     times, hidden = np.array([1.0, 3.0, 5.0]), replace(scene, {"arm.youngs_modulus": 9e6})
     pulls = tcam_response(scene.muscles[0].tcam, times).tension
     fields = [
@@ -298,7 +298,7 @@ BAD = [
 @pytest.mark.parametrize(("data", "free", "line"), BAD)
 def test_bad_input_is_one_line(data, free, line):
     with pytest.raises(InputError) as error:
-        fit(load("octopus"), data, free)
+        fit(load_scene("octopus"), data, free)
     assert line in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -317,7 +317,7 @@ def test_a_table_reads_alike_from_csv_pandas_and_xarray(tips, tmp_path):
     columns = {"muscles.0.tension": "N", "water.velocity": "m/s", "tip.x": "m", "tip.y": "m"}
     units = {path: ("row", tips[f"{path} [{unit}]"] * 100, {"units": f"c{unit}"}) for path, unit in columns.items()}
     for data in (tmp_path / "tips.csv", frame, xarray.Dataset(units)):
-        read = read_measurements(load("octopus"), data)
+        read = read_measurements(load_scene("octopus"), data)
         np.testing.assert_allclose(read.values[:, 1], tips["tip.y [m]"], rtol=1e-11)
         np.testing.assert_allclose(read.inputs["muscles.0.tension"], TENSIONS, rtol=1e-11)
 
@@ -332,7 +332,7 @@ def test_a_table_reads_alike_from_csv_pandas_and_xarray(tips, tmp_path):
 )  # fmt: skip
 def test_tables_of_other_countries_and_programs_are_read(text, tmp_path):
     (tmp_path / "tips.csv").write_bytes(text.encode())
-    read = read_measurements(load("octopus"), tmp_path / "tips.csv")
+    read = read_measurements(load_scene("octopus"), tmp_path / "tips.csv")
     np.testing.assert_allclose(read.values[:, 0], [0.014, 0.06])
     np.testing.assert_allclose(read.inputs["muscles.0.tension"], [5, 12])
 
@@ -349,7 +349,7 @@ def test_the_command_fits_and_writes_a_scene_that_runs(tips, run: Run, tmp_path)
     assert fitted["unit"] == "Pa"
     assert 0 < fitted["stderr"] < 1e5
     assert line["rms_residual"] < 1e-8
-    assert load(tmp_path / "fitted.toml").arm.youngs_modulus == fitted["value"]
+    assert load_scene(tmp_path / "fitted.toml").arm.youngs_modulus == fitted["value"]
     assert (tmp_path / "fit.png").stat().st_size > 20_000
     text = run(*words).out
     assert "arm.youngs_modulus" in text

@@ -8,11 +8,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cosserat_jax import Gravity, MultipleShooting, Muscle, Scene, SingleShooting, Tip, load, parameters, replace, solve
+from cosserat_jax import (
+    Gravity,
+    MultipleShooting,
+    Muscle,
+    Scene,
+    SingleShooting,
+    Tip,
+    load_scene,
+    parameters,
+    replace,
+    solve,
+)
 from cosserat_jax.solver import Method
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 FULL = Scene(  # every kind of float leaf that a printed, volume-preserving scene can have
     arm=replace(OCTOPUS, {"arm.poisson_ratio": 0.45, "arm.base_angle": 0.1}).arm,
     muscles=(
@@ -94,7 +105,7 @@ def test_gradient_is_finite_at_the_straight_unloaded_arm():
 
 
 def pull_to_height(tension: jax.Array, method: Method = METHOD) -> jax.Array:
-    return solve(replace(load("elastica"), {"tip.force.1": tension}), method, points=3, throw=False).tip.y
+    return solve(replace(load_scene("elastica"), {"tip.force.1": tension}), method, points=3, throw=False).tip.y
 
 
 @pytest.mark.slow

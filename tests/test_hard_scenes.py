@@ -16,7 +16,7 @@ from cosserat_jax import (
     Scene,
     SingleShooting,
     Solution,
-    load,
+    load_scene,
     parameters,
     replace,
     solve,
@@ -135,6 +135,6 @@ def test_either_an_equilibrium_or_an_outcome(scene: Scene):
 def test_a_very_strong_pull_at_the_tip_turns_the_arm_within_a_thousandth_of_its_length():
     """With k = sqrt(P / EI) the elastica's tip stands at x = sqrt(2) / k and y = L - (2 - sqrt(2)) / k but for terms of
     exp(-k L). Only many intervals hold it: over one of 64 an error grows by exp(16)."""
-    found = solve(replace(load("elastica"), {"tip.force.1": 1e6}), points=2)
+    found = solve(replace(load_scene("elastica"), {"tip.force.1": 1e6}), points=2)
     assert float(found.tip.x) == pytest.approx(np.sqrt(2) * 1e-3, abs=1e-9)
     assert float(found.tip.y) == pytest.approx(1 - (2 - np.sqrt(2)) * 1e-3, abs=1e-9)

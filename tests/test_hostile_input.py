@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosserat_jax import InputError, Measurements, Scene, dumps, load, presets, read_measurements, replace
+from cosserat_jax import InputError, Measurements, Scene, dumps, load_scene, presets, read_measurements, replace
 from cosserat_jax.scene import parameters
 
-SCENES = [dumps(load(name)) for name in presets()]
+SCENES = [dumps(load_scene(name)) for name in presets()]
 TABLE = (
     "muscles.0.tension [N], water.velocity [m/s], tip.y [cm], sigma(tip.y) [mm]\n5, 0.2, 1.4, 0.1\n12, 0.4, 6, 0.1\n"
 )
@@ -62,18 +62,18 @@ def test_a_mutated_scene_is_a_scene_or_one_line(part: int, tmp_path: Path) -> No
     for number in range(250):
         text = mutated(rng.choice(SCENES), rng)
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
-        read = came_of(lambda: load(path))
+        read = came_of(lambda: load_scene(path))
         assert isinstance(read, Scene) or is_one_line(read), (number, text[:2000])
         if isinstance(read, Scene):
             path.write_text(dumps(read), encoding="utf-8")
-            assert load(path) == read, (number, text[:2000])
+            assert load_scene(path) == read, (number, text[:2000])
             scenes += 1
     assert 20 < scenes < 200  # the mutations are neither harmless nor all fatal
 
 
 @pytest.mark.parametrize("part", range(2))
 def test_a_mutated_table_is_measurements_or_one_line(part: int, tmp_path: Path) -> None:
-    rng, path, scene, tables = random.Random(part), tmp_path / "tips.csv", load("octopus"), 0
+    rng, path, scene, tables = random.Random(part), tmp_path / "tips.csv", load_scene("octopus"), 0
     for number in range(250):
         text = mutated(TABLE, rng)
         path.write_bytes(text.encode("utf-8", "surrogatepass"))
@@ -83,7 +83,15 @@ def test_a_mutated_table_is_measurements_or_one_line(part: int, tmp_path: Path) 
     assert 15 < tables < 200
 
 
-PATHS = [*parameters(load("octopus")), "arm.cross_section", "muscles.0.tangent", "", "arm", "muscles.1.end", "no.such"]
+PATHS = [
+    *parameters(load_scene("octopus")),
+    "arm.cross_section",
+    "muscles.0.tangent",
+    "",
+    "arm",
+    "muscles.1.end",
+    "no.such",
+]
 VALUES = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=20), st.sampled_from(WORDS),
     st.sampled_from([10**400, 10**5000, [], [1.0], {}, "1 m", object()]),
@@ -93,11 +101,11 @@ VALUES = st.one_of(
 @settings(max_examples=200, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.sampled_from(PATHS), VALUES)
 def test_any_value_at_any_path_makes_a_scene_or_one_line(path: str, value: object) -> None:
-    made = came_of(lambda: replace(load("octopus"), {path: value}))
+    made = came_of(lambda: replace(load_scene("octopus"), {path: value}))
     assert isinstance(made, Scene) or is_one_line(made)
 
 
 @pytest.mark.parametrize("name", ["a\x00b.toml", "", ".", "x" * 5000])
 def test_names_that_are_no_files_are_one_line(name: str) -> None:
-    assert is_one_line(came_of(lambda: load(name)))
-    assert is_one_line(came_of(lambda: read_measurements(load("octopus"), name)))
+    assert is_one_line(came_of(lambda: load_scene(name)))
+    assert is_one_line(came_of(lambda: read_measurements(load_scene("octopus"), name)))

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from cosserat_jax import Muscle, Outcome, Scene, SingleShooting, Tip, load, replace, solve, sweep
+from cosserat_jax import Muscle, Outcome, Scene, SingleShooting, Tip, load_scene, replace, solve, sweep
 
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 WEIGHTLESS = dataclasses.replace(OCTOPUS, water=None, gravity=None)
 OVER = {"muscles.0.tension": np.linspace(0.0, 20.0, 7), "water.velocity": np.array([-0.3, 0.2, 0.4])}
 
@@ -141,7 +141,7 @@ def test_equal_steps_converge_with_the_order_of_the_solver(
     solver: diffrax.AbstractERK, order: int, steps: tuple[int, int]
 ):
     """On a smooth scene, where the load turns with the tip. Of two grids the result is that of the second."""
-    scene = load("follower")
+    scene = load_scene("follower")
     exact = solve(scene, SingleShooting(steps=(28, 40))).tip.x
     method = SingleShooting(error=1.0, solver=solver, coarse_steps=12)
     errors = []

@@ -11,11 +11,11 @@ import pytest
 from drawn import by_gid, overlapping_words, words
 from PIL import Image, ImageSequence
 
-from cosserat_jax import Outcome, load, replace
+from cosserat_jax import Outcome, load_scene, replace
 from cosserat_jax.errors import OutputError
-from cosserat_jax.report.layout import COLOURS
-from cosserat_jax.report.motion import actuation_figure, animation_suffixes, save_animation
-from cosserat_jax.report.movie import Playback, write_movie
+from cosserat_jax.report.figures import actuation_figure, animation_suffixes, save_animation
+from cosserat_jax.report.figures.animation import Playback, write_movie
+from cosserat_jax.report.figures.layout import COLOURS
 from cosserat_jax.scene import Pulses
 from cosserat_jax.solver import ResponseOutcome
 from cosserat_jax.study import Actuation, actuate
@@ -26,7 +26,7 @@ CURVES = ("voltage", "temperature", "tension")
 
 @pytest.fixture(scope="module")
 def actuation() -> Actuation:
-    return actuate(load("octopus-tcam"), TIMES)
+    return actuate(load_scene("octopus-tcam"), TIMES)
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from cosserat_jax import (
     SingleShooting,
     Tip,
     dumps,
-    load,
+    load_scene,
     parameters,
     replace,
     solve,
@@ -31,7 +31,7 @@ from cosserat_jax import (
 )  # fmt: skip
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 WOUND = replace(OCTOPUS, {"muscles.0.contraction": "8 mm"})
 PLAIN = {  # antagonists, one of which ends before the tip, in a current that changes with height: three unknowns
     "arm": {"length": 0.418, "base_radius": 0.015, "tip_radius": 0.004, "density": 1100.0, "youngs_modulus": 1e7,
@@ -63,7 +63,7 @@ def test_tensions_are_those_of_collocation_whose_muscles_have_that_length():
 def test_parallel_tendon_in_closed_form(contraction: float):
     """With a unit tangent, a rigid section and no load the arm is an arc: kappa = r T / (E I), nu = 1 - T / (E A), so
     the contraction is L (1 - nu + r kappa) = L T (1 / (E A) + r^2 / (E I))."""
-    scene = dataclasses.replace(load("tendon-robot"), gravity=None)
+    scene = dataclasses.replace(load_scene("tendon-robot"), gravity=None)
     stiffness, length, offset = scene.arm.stiffness, scene.arm.length, scene.muscles[0].base_offset
     tension = contraction / length / (1 / stiffness.axial + offset**2 / stiffness.bending)
     solution = solve(replace(scene, {"muscles.0.contraction": contraction}), METHOD, points=3)
@@ -177,7 +177,7 @@ def test_muscles_on_one_path_cannot_be_told_apart():
 
 
 def test_a_contraction_beside_a_tension_or_a_coil_is_refused():
-    coil = load("octopus-tcam").muscles[0].tcam
+    coil = load_scene("octopus-tcam").muscles[0].tcam
     where = {"base_offset": 0.012, "end_offset": 0.001}
     for given, named in (
         ({}, r"muscles\.0\.tension must be given, .* muscles\.0\.contraction, or a table muscles\.0\.tcam"),
@@ -202,7 +202,7 @@ def test_contraction_takes_the_place_of_tension_and_reads_back(tmp_path):
         replace(OCTOPUS, {"muscles.0.tension": "20 N", "muscles.0.contraction": "5 mm"})
     path = tmp_path / "wound.toml"
     path.write_text(dumps(WOUND))
-    assert load(path) == WOUND
+    assert load_scene(path) == WOUND
 
 
 @pytest.mark.slow

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cosserat_jax import Scene, load, replace, solve, sweep
+from cosserat_jax import Scene, load_scene, replace, solve, sweep
 
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 IN_AIR = dataclasses.replace(OCTOPUS, water=None)
 BARE = replace(dataclasses.replace(IN_AIR, gravity=None), {"arm.cross_section": "rigid"})
 ROWS = [  # tip x [m], y [m], theta [rad], eta, mu [1/m], beta

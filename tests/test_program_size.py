@@ -5,9 +5,9 @@ import dataclasses
 import jax
 import pytest
 
-from cosserat_jax import Gravity, Muscle, Scene, load, replace, solve
+from cosserat_jax import Gravity, Muscle, Scene, load_scene, replace, solve
 
-OCTOPUS = load("octopus")
+OCTOPUS = load_scene("octopus")
 THREE = dataclasses.replace(
     OCTOPUS,
     water=dataclasses.replace(OCTOPUS.water, velocity_gradient=0.1),

@@ -24,18 +24,18 @@ from cosserat_jax import (
     Reach,
     ReachOutcome,
     Scene,
-    load,
+    load_scene,
     reach,
     solve,
     sweep,
     tcam_response,
     workspace,
 )
-from cosserat_jax.report.reach import reach_figure
-from cosserat_jax.report.reach_text import reach_json
-from cosserat_jax.study.controls import controls_of, default_limit, holding_voltage
-from cosserat_jax.study.starts import grid
-from cosserat_jax.study.workspace import Arms
+from cosserat_jax.report.figures import reach_figure
+from cosserat_jax.report.inverse_text import reach_json
+from cosserat_jax.study.inverse.controls import controls_of, default_limit, holding_voltage
+from cosserat_jax.study.inverse.multistart import grid
+from cosserat_jax.study.inverse.workspace import Arms
 
 UPPER = Muscle(base_offset=0.012, end_offset=0.001, tension=1.0)
 LOWER = dataclasses.replace(UPPER, side=-1)
@@ -164,8 +164,8 @@ def test_of_a_shape_that_the_arm_cannot_take_the_distance_is_the_mean_square() -
 @pytest.mark.slow
 def test_fields_are_held_at_places_asked_for() -> None:
     places = (0.0, 0.123, 0.7, 1.0)
-    few = solve(load("elastica"), points=places).fields
-    many = solve(load("elastica"), points=1001).fields
+    few = solve(load_scene("elastica"), points=places).fields
+    many = solve(load_scene("elastica"), points=1001).fields
     np.testing.assert_allclose(few.s, places)
     np.testing.assert_allclose(few.y[1:3], many.y[np.array([123, 700])], atol=1e-9)
 
@@ -173,13 +173,13 @@ def test_fields_are_held_at_places_asked_for() -> None:
 @pytest.mark.slow
 def test_datasets_hold_the_places_asked_for() -> None:
     places = (0.0, 0.123, 0.7, 1.0)
-    swept = sweep(load("elastica"), {"tip.force.1": [1.0, 2.0]}, points=places)
+    swept = sweep(load_scene("elastica"), {"tip.force.1": [1.0, 2.0]}, points=places)
     np.testing.assert_allclose(swept.to_xarray()["s"], places)
 
 
 @pytest.mark.slow
 def test_where_no_arm_has_an_equilibrium_the_outcome_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module("cosserat_jax.study.workspace")
+    module = importlib.import_module("cosserat_jax.study.inverse.workspace")
     solve_batch = module._solve_batch
 
     def lost(*arguments: Any) -> Any:

@@ -18,7 +18,7 @@ from cosserat_jax import (
     Outcome,
     Scene,
     dumps,
-    load,
+    load_scene,
     parameters,
     presets,
     replace,
@@ -34,15 +34,15 @@ from cosserat_jax.solver.solve import empty_solution
 
 @pytest.mark.parametrize("name", presets())
 def test_a_scene_written_down_reads_back_the_same(name, tmp_path):
-    scene = load(name)
+    scene = load_scene(name)
     path = tmp_path / "scene.toml"
     path.write_text(dumps(scene))
-    assert load(path) == scene
+    assert load_scene(path) == scene
     assert read(name).title
 
 
 def test_title_and_sweep_are_kept_and_make_no_other_program():
-    scene, plain = load("octopus"), dataclasses.replace(load("octopus"), notes=Notes())
+    scene, plain = load_scene("octopus"), dataclasses.replace(load_scene("octopus"), notes=Notes())
     written = dumps(replace(scene, {"muscles.0.tension": 7.0}))
     assert f'title = "{read("octopus").title}"' in written
     assert '"muscles.0.tension" = "0:20:0.5 N"' in written
@@ -53,13 +53,13 @@ def test_title_and_sweep_are_kept_and_make_no_other_program():
 def test_water_and_gravity_have_the_defaults_of_fresh_water_on_earth(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(ARM_FILE + 'tension = "1 N"\n[gravity]\n[water]\nvelocity = 0.1\n')
-    scene = load(path)
+    scene = load_scene(path)
     assert scene.gravity.acceleration == 9.81
     assert (scene.water.density, scene.water.viscosity, scene.water.boundary_layer) == (998.2, 1.002e-3, 0.02)
 
 
 def test_a_sweep_in_python_speaks_the_language_of_the_command_line():
-    scene = load("octopus")
+    scene = load_scene("octopus")
     np.testing.assert_allclose(sweep_values(scene, "muscles.0.tension", "0:2:0.5 N"), [0, 0.5, 1, 1.5, 2])
     np.testing.assert_allclose(sweep_values(scene, "arm.length", ["40 cm", 0.5]), [0.4, 0.5])
     for bad in (["fast"], [], 1.0, [[1.0]], {"a": 1}):
@@ -68,7 +68,7 @@ def test_a_sweep_in_python_speaks_the_language_of_the_command_line():
 
 
 def test_octopus_is_the_papers_table():
-    values = parameters(load("octopus"))
+    values = parameters(load_scene("octopus"))
     table = {"arm.length": 0.418, "arm.base_radius": 0.015, "arm.tip_radius": 0.004, "arm.youngs_modulus": 1e7,
              "arm.poisson_ratio": 0.5, "arm.density": 1100, "muscles.0.base_offset": 0.012,
              "muscles.0.end_offset": 0.001, "water.density": 998,
@@ -123,7 +123,7 @@ def test_hostile_quantities_are_refused_at_once_in_a_line_that_quotes_them(read,
      ({"arm.density": 1.1e6}, ["arm.density is 1.1e+06"]), ({"water.velocity": -200.0}, ["water.velocity"]), ({}, [])],
 )  # fmt: skip
 def test_slips_of_a_unit_are_hinted_at(values, said):
-    hints = unit_hints(replace(load("octopus"), values))
+    hints = unit_hints(replace(load_scene("octopus"), values))
     assert all(any(part in hint for hint in hints) for part in said)
     assert all("a number without a unit is in SI" in hint for hint in hints)
     assert bool(hints) == bool(said)
@@ -131,11 +131,11 @@ def test_slips_of_a_unit_are_hinted_at(values, said):
 
 @pytest.mark.parametrize("name", presets())
 def test_no_preset_looks_like_a_slip(name):
-    assert unit_hints(load(name)) == ()
+    assert unit_hints(load_scene(name)) == ()
 
 
 def test_replace_changes_only_what_is_named():
-    scene = load("two-segments")
+    scene = load_scene("two-segments")
     changed = replace(scene, {"muscles.1.tension": "5 N", "arm.cross_section": "rigid", "water.velocity_gradient": 0.2})
     assert changed.muscles[1].tension == 5.0
     assert changed.arm.cross_section == "rigid"
@@ -165,7 +165,7 @@ def test_replace_changes_only_what_is_named():
 )
 def test_a_value_that_is_not_allowed_is_named_with_what_is(values, said):
     with pytest.raises(InputError, match=f"^{next(iter(values))}:? .*{said}") as caught:
-        replace(load("octopus"), values)
+        replace(load_scene("octopus"), values)
     assert "\n" not in str(caught.value)
 
 
@@ -179,15 +179,15 @@ def test_python_scenes_are_checked_too():
 
 def test_a_sweep_checks_every_rod_before_it_solves_one():
     with pytest.raises(InputError, match=r"arm\.tip_radius must be positive, but is -0\.001 m"):
-        sweep(load("octopus"), {"arm.tip_radius": [0.004, -0.001]})
+        sweep(load_scene("octopus"), {"arm.tip_radius": [0.004, -0.001]})
     with pytest.raises(InputError, match="cannot be swept"):
-        sweep(load("octopus"), {"arm.cross_section": [1.0]})
+        sweep(load_scene("octopus"), {"arm.cross_section": [1.0]})
 
 
 def test_moduli_can_be_swept():
     """They may be absent, so their checks look at what is there."""
     scene = replace(
-        load("octopus"), {"arm.youngs_modulus": np.array([1e6, 1e7]), "arm.poisson_ratio": np.array([0.3, 0.5])}
+        load_scene("octopus"), {"arm.youngs_modulus": np.array([1e6, 1e7]), "arm.poisson_ratio": np.array([0.3, 0.5])}
     )
     assert scene.arm.youngs_modulus.shape == (2,)
 
@@ -208,7 +208,7 @@ def test_single_precision_is_refused():
     jax.config.update("jax_enable_x64", False)
     try:
         with pytest.raises(RuntimeError, match="double precision"):
-            solve(load("octopus"))
+            solve(load_scene("octopus"))
     finally:
         jax.config.update("jax_enable_x64", True)
 

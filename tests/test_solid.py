@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import fsolve
 
-from cosserat_jax import load, solve
+from cosserat_jax import load_scene, solve
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from solid import Arm, Bent, Loads, Mesh, Rubber, Solid, rod
@@ -97,7 +97,7 @@ def test_slope_of_the_solid_is_exact():
 
 
 def test_rod_with_the_papers_constraint_is_that_of_the_package():
-    solution = solve(load("octopus"))
+    solution = solve(load_scene("octopus"))
     ours = rod(Arm(), Loads(20.0, velocity=0.2, gravity=9.81), "paper", points=40)
     ends = [ours.x[-1], ours.y[-1], ours.theta[-1], ours.beta[-1]]
     theirs = [solution.tip.x, solution.tip.y, solution.tip.theta, solution.fields.beta[-1]]

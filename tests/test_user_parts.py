@@ -17,7 +17,7 @@ from cosserat_jax import (
     SingleShooting,
     StrainEnergy,
     Tip,
-    load,
+    load_scene,
     parameters,
     replace,
     solve,
@@ -81,7 +81,7 @@ def test_a_float_of_a_users_load_is_a_parameter_that_is_swept_and_differentiated
 @pytest.mark.parametrize("section", ["rigid", pytest.param("volume-preserving", marks=pytest.mark.slow)])
 def test_a_users_strain_energy_of_linear_elasticity_is_the_built_in_law(section: str):
     """Tip, fields, and derivatives by its floats."""
-    octopus = replace(load("octopus"), {"arm.cross_section": section})
+    octopus = replace(load_scene("octopus"), {"arm.cross_section": section})
     modulus, ratio = octopus.arm.youngs_modulus, octopus.arm.poisson_ratio
 
     def with_energy(modulus: Any, ratio: Any) -> Scene:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError, quoted
-from ..report.writing import save_figure, written_whole
+from ..report.output_files import save_figure, written_whole
 from .common import Command, about, data_and_figure, pairs, read_changed, say, say_written, settings_option
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _animations(plot: str | None) -> list[str]:
     """The suffixes of a plot that is an animation."""
     if plot is None:
         return []
-    from ..report.motion import animation_suffixes
+    from ..report.figures import animation_suffixes
 
     known = animation_suffixes()
     if Path(plot).suffix.lower() == ".mp4" and ".mp4" not in known:
@@ -95,7 +95,7 @@ def _animations(plot: str | None) -> list[str]:
 
 
 def _draw(actuation: "Actuation", place: Path) -> None:
-    from ..report.motion import actuation_figure, animation_suffixes, save_animation
+    from ..report.figures import actuation_figure, animation_suffixes, save_animation
 
     if place.suffix.lower() in animation_suffixes():
         save_animation(actuation, place)

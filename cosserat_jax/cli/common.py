@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError, one_line, quoted
-from ..report.writing import figure_place, output_place
+from ..report.output_files import figure_place, output_place
 from .process import prepare
 
 if TYPE_CHECKING:

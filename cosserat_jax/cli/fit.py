@@ -2,7 +2,7 @@
 
 import click
 
-from ..report.writing import figure_place, output_place, save_figure, written_whole
+from ..report.output_files import figure_place, output_place, save_figure, written_whole
 from .common import (
     WithFree,
     about,
@@ -60,7 +60,7 @@ def fit_command(
       cosserat-jax fit octopus tips.csv --free arm.youngs_modulus water.inlet_fraction --sigma "tip.y=0.005 cm"
       cosserat-jax fit octopus-tcam heat.csv --free "muscles.0.tcam.conductance=0.001:0.1 W/K" --out mine.toml
     """
-    from ..report.fitted import calibration_json, calibration_text
+    from ..report.calibration_text import calibration_json, calibration_text
     from ..scene import dumps, unit_of
     from ..study import fit, read_measurements
 
@@ -77,7 +77,7 @@ def fit_command(
         with about(file.name), written_whole(scene_place) as beside:
             beside.write_text(dumps(found.fitted))
     if figure is not None:
-        from ..report.calibration import calibration_figure
+        from ..report.figures import calibration_figure
 
         save_figure(calibration_figure(found), figure)
     if as_json:

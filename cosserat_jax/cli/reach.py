@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError, quoted
-from ..report.writing import figure_place, save_figure
+from ..report.output_files import figure_place, save_figure
 from .common import (
     WithFree,
     about,
@@ -59,9 +59,9 @@ def reach_command(
     """
     import numpy as np
 
-    from ..report.reach_text import reach_json, reach_text
+    from ..report.inverse_text import reach_json, reach_text
     from ..study import reach
-    from ..study.controls import unit_of_control
+    from ..study.inverse.controls import unit_of_control
 
     file = read_changed(name, pairs("--set", settings))
     points = np.array([_point(text) for text in targets])
@@ -71,7 +71,7 @@ def reach_command(
         place = None if at is None else _place(at, float(file.scene.arm.length))
         found = reach(file.scene, points, bounds, place)
     if figure is not None:
-        from ..report.reach import reach_figure
+        from ..report.figures import reach_figure
 
         save_figure(reach_figure(found), figure)
     if as_json:

@@ -2,7 +2,7 @@
 
 import click
 
-from ..report.writing import figure_place, save_figure
+from ..report.output_files import figure_place, save_figure
 from .common import Command, about, pairs, plot_option, read_changed, settings_option
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..errors import InputError
-from ..report.writing import batches_place, save_figure, written_whole
+from ..report.output_files import batches_place, save_figure, written_whole
 from .common import (
     Command,
     Stopped,

@@ -1,1 +1,1 @@
-"""Floor 5, show: xarray datasets and figures."""
+"""Floor 5, report: results as text, figures and files."""

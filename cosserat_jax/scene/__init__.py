@@ -1,7 +1,7 @@
 """Floor 1, describe: what a user writes. Scenes, their files with units, and the paths that name their parameters."""
 
 from ..errors import InputError
-from .files import SceneFile, dumps, load, presets, read, sweep_values
+from .files import SceneFile, dumps, load_scene, presets, read, sweep_values
 from .parts import Arm, Gravity, Muscle, Scene, SectionStiffness, Tip, Water
 from .paths import lookup, parameters, replace, unit_of
 from .quantity import Choice, Quantity
@@ -33,7 +33,7 @@ __all__ = [
     "Water",
     "bounds_to_si",
     "dumps",
-    "load",
+    "load_scene",
     "lookup",
     "parameters",
     "presets",

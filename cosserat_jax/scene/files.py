@@ -29,7 +29,7 @@ class SceneFile(NamedTuple):
     sweep: dict[str, np.ndarray]
 
 
-def load(name: str | os.PathLike[str]) -> Scene:
+def load_scene(name: str | os.PathLike[str]) -> Scene:
     """The scene of a TOML file, or of a preset named by a bare word ("octopus").
 
     Raises `InputError` with one line that names file, path, the value given and what is allowed.

@@ -40,9 +40,9 @@ class Actuation(eqx.Module):
 
     def to_xarray(self) -> "xarray.Dataset":
         """A dataset over `time` and `s`, the muscles' variables also over `muscle`, with units and long names."""
-        from ..report.dataset import actuation_dataset
+        from .datasets import actuation_dataset
 
-        return actuation_dataset(self)
+        return actuation_dataset(self.scene, self.times, self.responses, self.solution)
 
 
 def actuate(

@@ -40,9 +40,9 @@ class Sweep:
 
     def to_xarray(self) -> "xarray.Dataset":
         """A dataset with one dimension per swept path, named by it, and units and long names on every variable."""
-        from ..report.dataset import sweep_dataset
+        from .datasets import sweep_dataset
 
-        return sweep_dataset(self)
+        return sweep_dataset(self.scene, self.over, self.method, self.solution)
 
 
 def sweep(
@@ -96,7 +96,7 @@ def _shown(progress: bool, batches: Iterable) -> Iterable:
 
 def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> dict[str, str]:
     """What a kept batch must have been solved for: the same scene, grid, method and batch, by the same versions."""
-    from .. import __version__
+    from importlib.metadata import version
 
     return {
         "scene": dumps(dataclasses.replace(scene, notes=Notes())),
@@ -104,6 +104,6 @@ def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points:
         "method": repr(method),
         "points": repr(points),
         "batch size": str(size),
-        **{f"version of {one.__name__}": one.__version__ for one in (jax, diffrax, np)},
-        "version of cosserat_jax": __version__,
+        **{f"version of {one.__name__}": version(one.__name__) for one in (jax, diffrax, np)},
+        "version of cosserat_jax": version("cosserat_jax"),
     }

@@ -13,16 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..scene import Scene
-from ..solver import Solution
-from ..study import with_tensions
+from ...scene import Scene
+from ...solver import Solution
+from ...study import with_tensions
 from .arm import draw_directors
 from .layout import Case, Layout
-from .page import CURVES, HALF, LABELS, LEGEND, WIDE, WIDTH, explain, footer, printed
 from .panels import CASE_STYLES, TALL, Frame, Rod, case_style, draw_along, draw_arms, draw_tips
+from .style import CURVES, HALF, LABELS, LEGEND, WIDE, WIDTH, explain, footer, printed
 
 if TYPE_CHECKING:
-    from ..study import Sweep
+    from ...study import Sweep
 
 
 @printed

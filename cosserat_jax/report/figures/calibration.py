@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..scene import unit_of
-from ..study import Calibration, Measurements
-from .page import CURVES, LABELS, LEGEND, WIDTH, printed
+from ...scene import unit_of
+from ...study import Calibration, Measurements
+from .style import CURVES, LABELS, LEGEND, WIDTH, printed
 
 _MOST_OBSERVABLES = 6
 _LINE_FROM = 30  # rows over time from which the model is a line

@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, nearest, quoted
-from ..scene import Quantity, Scene, lookup, replace, to_si
-from ..scene.units import scale_to_si
+from ...errors import InputError, nearest, quoted
+from ...scene import Quantity, Scene, lookup, replace, to_si
+from ...scene.units import scale_to_si
 from .csv_table import read_csv
 
 _POSE_UNITS = {"x": "m", "y": "m", "theta": "rad"}

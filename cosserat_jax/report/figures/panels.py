@@ -8,8 +8,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.text import Text
 
-from ..scene import Scene
-from ..solver import Fields, Solution
+from ...scene import Scene
+from ...solver import Fields, Solution
 from .arm import CORNER, draw_arm, draw_clamp, draw_directors, draw_surroundings, extent, length_unit
 from .layout import Layout, bracketed, prefixed
 

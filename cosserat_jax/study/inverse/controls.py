@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.rod import Rod
-from ..physics.section_laws import ReferenceSection
-from ..physics.tcam import conductance_at, tension_gain
-from ..scene import TCAM, InputError, Scene, lookup, replace, to_si, unit_of
-from .actuate import with_tensions
-from .free import Free, free_parameters
+from ...physics.rod import Rod
+from ...physics.section_laws import ReferenceSection
+from ...physics.tcam import conductance_at, tension_gain
+from ...scene import TCAM, InputError, Scene, lookup, replace, to_si, unit_of
+from ..actuate import with_tensions
+from ..free_parameters import Free, free_parameters
 
 _VOLTAGE = re.compile(r"muscles\.(\d+)\.tcam\.voltage")
 _TENSION = re.compile(r"muscles\.(\d+)\.tension")

@@ -12,12 +12,12 @@ from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 
-from ..scene import Scene, replace, unit_of
-from ..solver import Fields, Solution
-from ..study import with_tensions
+from ...scene import Scene, replace, unit_of
+from ...solver import Fields, Solution
+from ...study import with_tensions
 
 if TYPE_CHECKING:
-    from ..study import Sweep
+    from ...study import Sweep
 
 CASES = 4  # drawn at most
 # lightness rises from one end to the other, so the order reads in grey too; the yellow end is too pale for white paper

@@ -9,10 +9,10 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..scene import Scene
-from ..solver import Solution
+from ...scene import Scene
+from ...solver import Solution
+from ..free_parameters import Free
 from .controls import steady_with
-from .free import Free
 from .workspace import Workspace
 
 _PER_TARGET = (

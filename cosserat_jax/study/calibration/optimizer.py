@@ -14,8 +14,8 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from ..numerics.implicit_derivatives import by_forward_mode
-from ..numerics.newton import batched_with
+from ...numerics.implicit_derivatives import by_forward_mode
+from ...numerics.newton import batched_with
 
 _STALLED = 5  # trials in a row that were refused
 _SETTLED = 1e-9  # part of the loss that an accepted step has to gain

@@ -2,6 +2,7 @@
 
 import datetime
 import json
+from importlib.metadata import version
 from typing import Any
 
 import equinox as eqx
@@ -9,7 +10,7 @@ import jax
 import numpy as np
 
 from ..scene import InputError, Scene, dumps
-from ..solver import Outcome, Solution, outcome_codes
+from . import Outcome, Solution, outcome_codes
 
 Dims = tuple[str, ...]
 Variable = tuple[Dims, np.ndarray, dict[str, Any]]
@@ -105,16 +106,11 @@ def places_of(solution: Solution) -> np.ndarray:
 
 def provenance(title: str, scene: Scene) -> dict[str, str]:
     """The attributes of a dataset: what it is, of which scene, and by what it was made."""
-    import diffrax
-    import xarray
-
-    from .. import __version__
-
-    versions = {"cosserat_jax": __version__, "jax": jax.__version__, "diffrax": diffrax.__version__}
+    packages = ("cosserat_jax", "jax", "diffrax", "numpy", "xarray")
     return {
         "title": title,
         "scene": _scene_text(scene),
-        "versions": json.dumps(versions | {"numpy": np.__version__, "xarray": xarray.__version__}),
+        "versions": json.dumps({name: version(name) for name in packages}),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "source": "Golestaneh, Cichella & Lamuta: quasi-static continuum model of an octopus-like arm driven by TCAMs",
     }

@@ -7,11 +7,11 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from ..scene import InputError, Scene
-from ..solver import Method, outcome_codes
-from .closest import LAST_EPS, Effort, Search, closest
-from .reached import Reach, ReachOutcome
-from .starts import best_of, grid, starts, starts_along_valleys
+from ...scene import InputError, Scene
+from ...solver import Method, outcome_codes
+from .box_least_squares import LAST_EPS, Effort, Search, closest
+from .multistart import best_of, grid, starts, starts_along_valleys
+from .result import Reach, ReachOutcome
 from .workspace import Arms, Workspace
 
 _REACHED = 1e-9  # lengths

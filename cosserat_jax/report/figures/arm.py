@@ -15,9 +15,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.transforms import Affine2D, ScaledTranslation
 
-from ..physics.tendon import Tendon
-from ..scene import Arm, Muscle, Scene
-from ..solver import Fields
+from ...physics.tendon import Tendon
+from ...scene import Arm, Muscle, Scene
+from ...solver import Fields
 
 INK, PALE = "0.1", "0.4"
 CORNER = (1.5, 0.55)  # inches that the arrows of current and gravity take, with their words

@@ -1,17 +1,23 @@
 """Results as xarray datasets, with units and long names, ready for netCDF."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
 import xarray
 
-from ..scene import unit_of
-from ..solver import ResponseOutcome
-from .variables import Variable, arc_length, outcome_variable, places_of, provenance, solution_variables, variable
-
-if TYPE_CHECKING:
-    from ..study import Actuation, Sweep
+from ..scene import Scene, unit_of
+from ..solver import Method, Response, ResponseOutcome, Solution
+from ..solver.variables import (
+    Variable,
+    arc_length,
+    outcome_variable,
+    places_of,
+    provenance,
+    solution_variables,
+    variable,
+)
 
 # of a muscle; name: (unit, long name)
 _OVER_TIME = {
@@ -26,44 +32,46 @@ _OVER_TIME = {
 _MUSCLE = "number of the muscle in the scene"
 
 
-def sweep_dataset(swept: "Sweep") -> xarray.Dataset:
+def sweep_dataset(scene: Scene, over: dict[str, np.ndarray], method: Method, solution: Solution) -> xarray.Dataset:
     """The dataset of a sweep: swept paths as dimensions, fields also along `s`; see `solution_variables`.
 
     `s` is the arc length; where that differs between rods it is s / L. Over the grid and `muscle`, the number of a
     muscle in the scene: `tension`.
     """
-    dims = tuple(swept.over)
-    coords = {path: _swept_coordinate(swept, path) for path in dims} | {"s": _swept_arc_length(swept)}
-    data = solution_variables(dims, swept.solution)
-    if swept.scene.muscles:
-        coords["muscle"] = variable(("muscle",), range(len(swept.scene.muscles)), "1", _MUSCLE)
-        meaning = "tension of the muscle, given or found from its contraction"
-        data["tension"] = variable((*dims, "muscle"), swept.solution.tensions, "N", meaning)
-    attributes = provenance("equilibria of a soft rod", swept.scene) | {"method": repr(swept.method)}
+    dims = tuple(over)
+    coords = {path: _swept_coordinate(scene, path, values) for path, values in over.items()}
+    coords["s"] = _swept_arc_length(scene, over, solution)
+    data = solution_variables(dims, solution)
+    if scene.muscles:
+        coords["muscle"] = variable(("muscle",), range(len(scene.muscles)), "1", _MUSCLE)
+        meaning = "tension of the muscle, given or found from its displacement"
+        data["tension"] = variable((*dims, "muscle"), solution.tensions, "N", meaning)
+    attributes = provenance("equilibria of a soft rod", scene) | {"method": repr(method)}
     return xarray.Dataset(data, coords, attributes)
 
 
-def actuation_dataset(actuation: "Actuation") -> xarray.Dataset:
+def actuation_dataset(
+    scene: Scene, times: Any, responses: Mapping[int, Response], solution: Solution
+) -> xarray.Dataset:
     """The dataset of an arm driven by TCAMs: over `time` the arm, over `muscle` and `time` what drives it.
 
     Over `time`, the fields also along `s`: see `solution_variables`. `muscle` is the number of a driven muscle in the
     scene. Over both: `voltage temperature contraction contraction_rate force tension`. Over `muscle`:
     `peak_temperature`, `time_of_peak`, `limit_temperature`, `muscle_outcome` with its flag meanings, `muscle_steps`.
     """
-    solution = actuation.solution
-    numbers = np.array(list(actuation.responses))
     coords = {
-        "time": variable(("time",), actuation.times, "s", "time since the voltage begins"),
-        "muscle": variable(("muscle",), numbers, "1", _MUSCLE),
-        "s": arc_length(actuation.scene, places_of(solution)),
+        "time": variable(("time",), times, "s", "time since the voltage begins"),
+        "muscle": variable(("muscle",), list(responses), "1", _MUSCLE),
+        "s": arc_length(scene, places_of(solution)),
     }
-    data = _muscle_variables(actuation) | solution_variables(("time",), solution)
-    return xarray.Dataset(data, coords, provenance("motion of a soft rod driven by TCAMs", actuation.scene))
+    data = _muscle_variables(scene, responses) | solution_variables(("time",), solution)
+    return xarray.Dataset(data, coords, provenance("motion of a soft rod driven by TCAMs", scene))
 
 
-def _muscle_variables(actuation: "Actuation") -> dict[str, Variable]:
-    responses: Any = jax.tree.map(lambda *leaves: np.stack(leaves), *actuation.responses.values())
-    limits = [float(actuation.tcam(i).limit_temperature) for i in actuation.responses]
+def _muscle_variables(scene: Scene, by_muscle: Mapping[int, Response]) -> dict[str, Variable]:
+    responses: Any = jax.tree.map(lambda *leaves: np.stack(leaves), *by_muscle.values())
+    tcams = [tcam for i in by_muscle if (tcam := scene.muscles[i].tcam) is not None]
+    limits = [float(tcam.limit_temperature) for tcam in tcams]
     data = {
         name: variable(("muscle", "time"), getattr(responses, name), unit, meaning)
         for name, (unit, meaning) in _OVER_TIME.items()
@@ -78,14 +86,14 @@ def _muscle_variables(actuation: "Actuation") -> dict[str, Variable]:
     return data
 
 
-def _swept_coordinate(swept: "Sweep", path: str) -> Variable:
+def _swept_coordinate(scene: Scene, path: str, values: np.ndarray) -> Variable:
     *owner, name = path.split(".")
     meaning = f"{name.replace('_', ' ')} of {' '.join(owner)}" if owner else name
-    return variable((path,), swept.over[path], unit_of(swept.scene, path), meaning)
+    return variable((path,), values, unit_of(scene, path), meaning)
 
 
-def _swept_arc_length(swept: "Sweep") -> Variable:
-    places = places_of(swept.solution)
-    if "arm.length" in swept.over:
+def _swept_arc_length(scene: Scene, over: dict[str, np.ndarray], solution: Solution) -> Variable:
+    places = places_of(solution)
+    if "arm.length" in over:
         return variable(("s",), places, "1", "undeformed arc length over the arm's")
-    return arc_length(swept.scene, places)
+    return arc_length(scene, places)

@@ -16,17 +16,17 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..solver import ResponseOutcome
-from ..study import with_tensions
+from ...solver import ResponseOutcome
+from ...study import with_tensions
+from ..output_files import written_whole
+from .animation import PIXELS, Picture, Playback, animation_suffixes, write_movie
 from .layout import COLOURS, spread
-from .movie import PIXELS, Picture, Playback, animation_suffixes, write_movie
-from .over_time import draw_over_time, limit_words, muscle_name, peak_words, time_unit
-from .page import CURVES, LABELS, LEGEND, STYLE, WIDE, WIDTH, explain, footer, printed
 from .panels import Frame, Rod, case_style, draw_arms, draw_rods, draw_stage, say
-from .writing import written_whole
+from .style import CURVES, LABELS, LEGEND, STYLE, WIDE, WIDTH, explain, footer, printed
+from .time_series import draw_over_time, limit_words, muscle_name, peak_words, time_unit
 
 if TYPE_CHECKING:
-    from ..study import Actuation
+    from ...study import Actuation
 
 __all__ = ["actuation_figure", "animation_suffixes", "rod_at", "save_animation"]
 

@@ -9,16 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from ..errors import quoted
-from ..scene import InputError, Scene
-from ..solver import Method
-from ..solver.method import MultipleShooting, methods_of
-from .calibration import Calibration
-from .doubts import doubts
-from .free import Free, Unbounded, free_parameters
+from ...errors import quoted
+from ...scene import InputError, Scene
+from ...solver import Method
+from ...solver.method import MultipleShooting, methods_of
+from ..free_parameters import Free, Unbounded, free_parameters
+from .diagnostics import doubts
 from .measurements import Measurements, read_measurements
-from .minimise import minimise
-from .problem import LOSSES, Loss, bend_of, problem_of
+from .optimizer import minimise
+from .residuals import LOSSES, Loss, bend_of, problem_of
+from .result import Calibration
 
 if TYPE_CHECKING:
     import optax

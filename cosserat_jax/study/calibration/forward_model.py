@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..scene import Sampled, Scene, replace
-from ..solver import Method, Response, ResponseOutcome, Solution, TimeStepping, solve, tcam_response
-from .actuate import with_tensions
+from ...scene import Sampled, Scene, replace
+from ...solver import Method, Response, ResponseOutcome, Solution, TimeStepping, solve, tcam_response
+from ..actuate import with_tensions
 from .measurements import Measurements, Observable, markers_of
 
 

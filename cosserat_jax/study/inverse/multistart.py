@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Int
 
-from .closest import Effort, Images, Search, newton_step
+from .box_least_squares import Effort, Images, Search, newton_step
 
 _STARTS = 4  # searches for one target, at most
 _START_EFFORT = 1e-3  # what effort counts beside the squared distance, in the choice of starts

@@ -11,15 +11,15 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..scene import InputError, Scene, replace
-from ..scene.quantity import as_floats
-from ..solver import Method, Solution, solve
-from ..solver.method import methods_of
-from ..solver.solve import places_of
-from .closest import Images
+from ...scene import InputError, Scene, replace
+from ...scene.quantity import as_floats
+from ...solver import Method, Solution, solve
+from ...solver.method import methods_of
+from ...solver.solve import places_of
+from ..free_parameters import Free
+from .box_least_squares import Images
 from .controls import Control, check_driven, controls_of, steady_with
-from .free import Free
-from .starts import grid
+from .multistart import grid
 
 _BATCH = 32  # rods at a time: one compiled program serves a single target and thousands of rods
 

@@ -10,14 +10,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..scene import Scene
+from ...scene import Scene
 from .arm import INK, PALE, draw_clamp, draw_surroundings, length_unit
 from .layout import COLOURS, spread
-from .page import CURVES, LABELS, LEGEND, WIDE, WIDTH, explain, footer, printed
 from .panels import Frame, Rod, draw_rods, draw_stage, say
+from .style import CURVES, LABELS, LEGEND, WIDE, WIDTH, explain, footer, printed
 
 if TYPE_CHECKING:
-    from ..study import Reach, Workspace
+    from ...study import Reach, Workspace
 
 _ARMS = 6  # drawn at most on one page
 _MISSED = "#d55e00"

@@ -9,13 +9,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..scene import Scene, replace
-from ..scene.quantity import as_floats
-from ..solver import Method
-from .free import Unbounded
+from ...scene import Scene, replace
+from ...scene.quantity import as_floats
+from ...solver import Method
+from ..free_parameters import Unbounded
+from .forward_model import Model
 from .measurements import Measurements
-from .minimise import AbstractProblem
-from .predict import Model
+from .optimizer import AbstractProblem
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy"] | Callable[[Float[Array, " values"]], Float[Array, ""]]
 

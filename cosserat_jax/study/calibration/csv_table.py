@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, quoted
+from ...errors import InputError, quoted
 
 
 def read_csv(path: Path) -> dict[str, Any]:

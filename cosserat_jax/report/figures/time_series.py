@@ -9,15 +9,15 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
-from ..physics.tcam import tension_gain
-from ..scene import TCAM, ZERO_CELSIUS
-from ..scene.quantity import Scalar
-from ..solver import Response
+from ...physics.tcam import tension_gain
+from ...scene import TCAM, ZERO_CELSIUS
+from ...scene.quantity import Scalar
+from ...solver import Response
 from .layout import prefixed
 from .panels import case_style, say
 
 if TYPE_CHECKING:
-    from ..study import Actuation
+    from ...study import Actuation
 
 _LEAST_OF_AXIS = 0.35  # that temperatures may take of an axis that reaches to a limit; else the limit is a note
 _LABEL = 0.12  # of an axis, that a label takes

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..scene import InputError, Scene
-from .free import Free
+from ...scene import InputError, Scene
+from ..free_parameters import Free
 from .measurements import Measurements, Observable
 
 _IMPOSSIBLE, _DOUBTFUL = 2.0, 1.05  # lengths of the arm from the base: of most places measured, and of any

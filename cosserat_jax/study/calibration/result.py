@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..scene import Scene, replace
+from ...scene import Scene, replace
 from .measurements import Measurements
-from .minimise import Minimum, loss_at, minimise
-from .problem import Problem
+from .optimizer import Minimum, loss_at, minimise
+from .residuals import Problem
 from .uncertainty import Uncertainty, not_told_apart, uncertainty
 
 _SETTLED = 1e-3  # of a standard error: what one more step would still move

@@ -1,0 +1,1 @@
+"""`fit`: parameters from measurements, and how well the measurements determine them."""

@@ -1,0 +1,1 @@
+"""`reach` and `workspace`: inverse kinetostatics, the actuation for a target."""
