@@ -13,12 +13,12 @@ added the full one without any muscle, with unit tangents, and with a load on it
 - Predicted: the arithmetic operations (add, multiply, divide, root, ..: one each) of one right-hand side, counted in
   its jaxpr, times how often it is evaluated, with those by which the integrator combines its stages. A loop counts as
   often as it runs; Newton's in a cross-section, which runs until it has converged, as 4 steps: from 1 its errors go
-  7e-2, 5e-3, 2e-5, 1e-10. An integration takes, in every stretch between muscle ends, steps times stages evaluations.
+  7e-2, 5e-3, 2e-5, 1e-10. An integration takes, in every segment between muscle ends, steps times stages evaluations.
   An iteration is one integration on the coarse grid, and one more for each unknown; then comes one on each finer grid
   up to the last, and on that a second. How many iterations, and which grid is the last, is taken from the solution, in
   a batch the largest, for it runs until its slowest rod is there. Not counted is what XLA and diffrax spend on a step
   whatever is in it, so a step of little arithmetic takes longer than predicted; nor are the fields, and a section's
-  start in each stretch.
+  start in each segment.
 - `--out` writes scene_cost.csv and .png.
 """
 
@@ -82,7 +82,7 @@ class Cost(NamedTuple):
     lower_s: float
     compile_s: float
     unknowns: int
-    stretches: int
+    segments: int
     operations_of_right_hand_side: int
     iterations_one: int
     steps_one: int
@@ -111,12 +111,12 @@ def _is_jaxpr(part: Any) -> bool:
 
 
 class Shape(NamedTuple):
-    """Of a scene's equations: operations of one evaluation, numbers of the state, unknowns, stretches."""
+    """Of a scene's equations: operations of one evaluation, numbers of the state, unknowns, segments."""
 
     evaluation: int
     state: int
     unknowns: int
-    stretches: int
+    segments: int
 
 
 def shape_of(scene: Scene) -> Shape:
@@ -125,7 +125,7 @@ def shape_of(scene: Scene) -> Shape:
     state, s = tip_state(rod, jnp.ones(()), jnp.ones(()), jnp.ones(())), jnp.ones(())
     slope = jax.make_jaxpr(lambda state: derivative(rod, s, state, active_at(rod.tendons, s))[0])(state)
     ends = sum(muscle.end is not None for muscle in scene.muscles)
-    return Shape(counted(slope.jaxpr), len(jax.tree.leaves(state)), Unknowns.of(rod).count, 1 + ends)
+    return Shape(counted(slope.jaxpr), len(jax.tree.leaves(state)), Unknowns.of(rod).size, 1 + ends)
 
 
 def predicted(shape: Shape, solution: Solution) -> tuple[int, int, int]:
@@ -135,7 +135,7 @@ def predicted(shape: Shape, solution: Solution) -> tuple[int, int, int]:
     combined = 2 * (stages + 1) * stages * shape.state
     steps = iterations * (1 + shape.unknowns) * METHOD.coarse_steps
     steps += sum(count for count in METHOD.steps if count <= last) + last
-    return iterations, last, shape.stretches * steps * (stages * shape.evaluation + combined)
+    return iterations, last, shape.segments * steps * (stages * shape.evaluation + combined)
 
 
 def solved(scene: Scene) -> Solution:
@@ -171,7 +171,7 @@ def measured(chosen: dict[str, Scene], repeats: int) -> list[Cost]:
         one, batch = (predicted(shape, solution) for solution in solutions)
         median_one, median_batch = (1e3 * float(np.median(t[name])) for t in (times_one, times_batch))
         of_one, of_batch = (*one, median_one), (*batch, median_batch / RODS)
-        equations = shape.unknowns, shape.stretches, shape.evaluation
+        equations = shape.unknowns, shape.segments, shape.evaluation
         costs.append(Cost(name, lowered[name], *spent[name], *equations, *of_one, *of_batch))
         line(name, spread(times_one[name]), f"{one[0]} iterations, then up to {one[1]} steps")
     print(f"\nRun time per rod of {RODS}")
@@ -222,7 +222,7 @@ if __name__ == "__main__":
     costs = measured(kept, repeats=5 if chosen.quick else 15)
     print("\nOperations of one evaluation of the right-hand side")
     for cost in costs:
-        counts = f"unknowns {cost.unknowns}, stretches {cost.stretches}"
+        counts = f"unknowns {cost.unknowns}, segments {cost.segments}"
         line(cost.scene, f"{cost.operations_of_right_hand_side:6d}", counts)
     ratios = {kind: beside(costs, kind) for kind in ("one", "batch")}
     for kind, of_scenes in ratios.items():

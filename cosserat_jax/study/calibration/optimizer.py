@@ -65,7 +65,7 @@ def minimise(
 
     def one(values: Array, start: Array) -> Minimum:
         def misfits(u: Array, _: Any) -> tuple[Array, Array]:
-            return problem.misfits(u, values)
+            return with_dense_jacobian(problem, lambda problem, *at: problem.misfits(*at), u, values)
 
         def loss(u: Array, _: Any) -> tuple[Array, Array]:
             return loss_at(problem, u, values), jnp.zeros(())
@@ -83,15 +83,16 @@ def minimise(
 
 
 def loss_at(problem: AbstractProblem, u: Float[Array, " params"], values: Float[Array, " values"]) -> Float[Array, ""]:
-    """The loss as a function of u, whose derivative is taken by forward mode alone: a row without an equilibrium has
-    none, which forward mode leaves out, and which reverse mode would multiply by zero to NaN."""
+    """The loss as a function of u. A row without an equilibrium has no derivative, which forward mode leaves out, and
+    which reverse mode would multiply by zero to NaN."""
+    return with_dense_jacobian(problem, lambda problem, *at: problem.loss(problem.misfits(*at)[0]), u, values)
+
+
+def with_dense_jacobian(problem: AbstractProblem, function: Callable, *at: Array) -> Any:
+    """`function(problem, *at)`, whose derivative is a matrix that is made once: a solver that applies it many times
+    would have the model compiled many times."""
     floats, rest = eqx.partition(problem, eqx.is_inexact_array)
-
-    def of(given: tuple) -> Array:
-        problem: AbstractProblem = eqx.combine(given[0], rest)
-        return problem.loss(problem.misfits(*given[1:])[0])
-
-    return by_forward_mode(of, (floats, u, values))
+    return by_forward_mode(lambda given: function(eqx.combine(given[0], rest), *given[1:]), (floats, *at))
 
 
 def _search(fn: Callable, solver: Any, start: Array, max_steps: int) -> tuple[Array, Any, Array, Array]:
