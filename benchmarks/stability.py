@@ -243,7 +243,8 @@ def main(chosen: argparse.Namespace) -> None:
     for name, many in Counter(names).most_common():
         line(name, f"{many:6d}   {100 * many / count:5.1f} %")
     line("default", f"{1e3 * sum(seconds for _, seconds in spent) / count:9.2f} ms a rod")
-    for what, (rods, seconds) in zip(("two grids", "finer grids", "multiple shooting"), spent, strict=True):
+    methods = "two grids", "finer grids", "multiple shooting", "in four times as many intervals"
+    for what, (rods, seconds) in zip(methods, spent, strict=False):  # fewer where nothing is left to solve
         line(f"  {what}", f"{1e3 * seconds / max(rods, 1):9.2f} ms a rod", f"{rods} rods")
     assert np.isnan(solution.tip.x[names != "converged"]).all()
     assert np.isfinite(solution.tip.x[names == "converged"]).all()

@@ -22,10 +22,13 @@ def scene_of(plain: dict[str, Any]) -> Scene:
 
 def plain(scene: Scene) -> dict[str, Any]:
     """`scene` as the dictionaries that the reference takes, where what is absent has no entry instead of None."""
-    return _without_none(dataclasses.asdict(scene))
+    return _plain(dataclasses.replace(scene, notes=None))
 
 
-def _without_none(part: Any) -> Any:
-    if isinstance(part, dict):
-        return {name: _without_none(entry) for name, entry in part.items() if entry is not None}
-    return [_without_none(entry) for entry in part] if isinstance(part, tuple) else part
+def _plain(part: Any) -> Any:
+    if isinstance(part, tuple):
+        return [_plain(entry) for entry in part]
+    if not dataclasses.is_dataclass(part):
+        return part
+    entries = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}
+    return {name: _plain(entry) for name, entry in entries.items() if entry is not None}

@@ -41,7 +41,8 @@ class Tableau(NamedTuple):
 
 
 class LoopedRungeKutta(diffrax.AbstractSolver):
-    """An explicit Runge-Kutta method with its stages in one loop; of a step it gives state and slope at its start."""
+    """An explicit Runge-Kutta method with its stages in one loop. Its own state, which is given to diffrax, is the
+    number of the step, and arrays [rows, ...] that it fills with the states and slopes at which steps start."""
 
     tableau: Tableau = eqx.field(static=True)
     term_structure = diffrax.ODETerm
@@ -50,19 +51,21 @@ class LoopedRungeKutta(diffrax.AbstractSolver):
     def order(self, terms: Any) -> int:
         return self.tableau.order
 
-    def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: Any) -> None:
-        return None
+    def init(self, terms: Any, t0: Any, t1: Any, y0: State, args: Any) -> tuple:
+        raise TypeError("LoopedRungeKutta needs its solver_state given: see `integrate`")
 
     def func(self, terms: Any, t0: Any, y0: State, args: Any) -> State:
         return terms.vf(t0, y0, args)
 
     def step(
-        self, terms: Any, t0: Any, t1: Any, y0: State, args: Any, solver_state: None, made_jump: Any
-    ) -> tuple[State, None, dict, None, Any]:
+        self, terms: Any, t0: Any, t1: Any, y0: State, args: Any, solver_state: tuple, made_jump: Any
+    ) -> tuple[State, None, dict, tuple, Any]:
+        number, *kept = solver_state
         stages = stages_of_step(lambda t, y: terms.vf(t, y, args), self.tableau, t0, t1 - t0, y0)
         y1 = combine(jnp.asarray(self.tableau.weights[-1]) * (t1 - t0), y0, stages)
-        slope = jax.tree.map(lambda k: k[0], stages)
-        return y1, None, {"y0": y0, "y1": slope}, None, diffrax.RESULTS.successful
+        new = [y0, jax.tree.map(lambda k: k[0], stages)]
+        kept = jax.tree.map(lambda all, one: lax.dynamic_update_index_in_dim(all, one, number, 0), kept, new)
+        return y1, None, {"y0": y0, "y1": y1}, (number + 1, *kept), diffrax.RESULTS.successful
 
 
 def combine(weights: Float[Array, " stages"], y: State, stages: State) -> State:
@@ -136,7 +139,7 @@ class FirstStep(diffrax.AbstractAdaptiveStepSizeController):
 
 class Nodes(NamedTuple):
     """The state and its slope by tau at the equal nodes tau = i / steps at which steps start, and the state at the end,
-    tau = 1. Room is left for more nodes than there are."""
+    tau = 1. Room is left for more nodes than there are, and holds anything."""
 
     states: State
     slopes: State
@@ -220,8 +223,14 @@ def _hermite(nodes: int) -> Float[np.ndarray, "conditions conditions"]:
     return np.linalg.inv(np.concatenate([values, slopes])).T
 
 
-def integrate(slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], most: int) -> Nodes:
-    """Integrates dy/dtau = slope(tau, y) from tau = 0 to 1 in `count` equal steps, at most `most`."""
+def integrate(
+    slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], room: tuple[State, State], most: int
+) -> Nodes:
+    """Integrates dy/dtau = slope(tau, y) from tau = 0 to 1 in `count` equal steps, at most `most`.
+
+    `room`: the states and slopes of nodes, [most + 1, ...], into which the new ones are written: in a loop around the
+    integration the arrays of the pass before are used again, instead of being made and filled each time.
+    """
     leaves, tree = jax.tree.flatten(y0)
 
     @jax.jit  # for diffrax traces it several times
@@ -235,15 +244,16 @@ def integrate(slope: Any, tableau: Tableau, y0: State, count: Int[Array, ""], mo
         t1=1.0,
         dt0=None,
         y0=tuple(leaves),
-        saveat=diffrax.SaveAt(t1=True, dense=True),
+        saveat=diffrax.SaveAt(t1=True, solver_state=True),
         stepsize_controller=EqualSteps(count),
         adjoint=diffrax.ForwardMode(),
+        solver_state=(jnp.asarray(0), *(tuple(jax.tree.leaves(part)) for part in room)),
+        made_jump=False,
         max_steps=most + 1,
         throw=False,
     )
-    kept: Any = solution.interpolation
+    state: Any = solution.solver_state
     ys: Any = solution.ys
-    end = [u[-1] for u in ys]
-    parts = (kept.infos["y0"], kept.infos["y1"], end)
+    parts = (*state[1:], tuple(u[-1] for u in ys))
     states, slopes, end = (jax.tree.unflatten(tree, part) for part in parts)
     return Nodes(states, slopes, end, count)

@@ -74,24 +74,30 @@ def slope_of(rod: Rod, segment: Segment, known: Any = None) -> Any:
     return slope
 
 
-def integrate(rod: Rod, state: RodState, segment: Segment, tableau: Tableau, count: Int[Array, ""], most: int) -> Nodes:
-    """Integrates one segment in `count` steps, at most `most`, from the state where it starts; see `restarted`."""
-    return integrate_equal_steps(slope_of(rod, segment), tableau, state, count, most)
+def integrate(
+    rod: Rod, state: RodState, segment: Segment, tableau: Tableau, count: Int[Array, ""], room: Any, most: int
+) -> Nodes:
+    """Integrates one segment in `count` steps, at most `most`, from the state where it starts; see `restarted`, and for
+    `room` `numerics.runge_kutta.integrate`."""
+    return integrate_equal_steps(slope_of(rod, segment), tableau, state, count, room, most)
 
 
-def shoot(rod: Rod, at_tip: RodState, tableau: Tableau, count: Int[Array, ""], most: int) -> Trajectory:
-    """Integrates from the tip to the base."""
+def shoot(rod: Rod, at_tip: RodState, tableau: Tableau, count: Int[Array, ""], before: Trajectory) -> Trajectory:
+    """Integrates from the tip to the base, and writes over the trajectory `before`, which has room for the nodes."""
     spans = segments(rod)
+    room = before.nodes.states, before.nodes.slopes
+    most = jax.tree.leaves(room)[0].shape[1] - 1
 
-    def onward(state: RodState, segment: Segment) -> tuple[RodState, Nodes]:
+    def onward(state: RodState, given: tuple[Segment, Any]) -> tuple[RodState, Nodes]:
+        segment, room = given
         state = restarted(rod, segment.start, state, segment.active)
-        nodes = integrate(rod, state, segment, tableau, count, most)
+        nodes = integrate(rod, state, segment, tableau, count, room, most)
         return nodes.end, nodes
 
     if len(spans.start) == 1:
-        base, nodes = onward(at_tip, jax.tree.map(lambda leaf: leaf[0], spans))
+        base, nodes = onward(at_tip, jax.tree.map(lambda leaf: leaf[0], (spans, room)))
         return Trajectory(jax.tree.map(lambda leaf: leaf[None], nodes), base)
-    base, nodes = lax.scan(onward, at_tip, spans)
+    base, nodes = lax.scan(onward, at_tip, (spans, room))
     return Trajectory(nodes, base)
 
 

@@ -250,7 +250,8 @@ def integrate_all(
     s, active = mesh(rod, nodes.cuts)
     span = Segment(s[:-1], s[1:], active, graded(rod, s[:-1], s[1:]))
     start = restarted(rod, span.start, state_of(rod, nodes.states[:-1], span.start), active)
-    kept = integrate(rod, start, span, tableau, jnp.asarray(steps), steps)
+    room = jax.tree.map(lambda leaf: jnp.zeros((steps + 1, *leaf.shape)), start)
+    kept = integrate(rod, start, span, tableau, jnp.asarray(steps), (room, room), steps)
     return kept, vector_of(rod, kept.end, span.end), span
 
 

@@ -14,7 +14,7 @@ from ..physics.tcam import fastest_rate
 from ..scene import TCAM
 from ..scene.quantity import concrete
 
-_MOST_GRIDS = 4  # of single shooting
+_MOST_GRIDS = 5  # of single shooting
 _COARSE_ROOM = 6  # steps that any program has room for on the coarse grid, so that methods share it
 _STIFF_RATE = 1000.0  # 1 / s; see `TimeStepping.suited_to`
 
@@ -33,7 +33,7 @@ class SingleShooting(eqx.Module):
       difference between two numbers of steps as if errors fell at the third order: they fall at the eighth, or at the
       third to fourth where a current changes sides along the arm and its force is not smooth. A rod above it has the
       outcome `inaccurate`.
-    - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; two to four numbers, at
+    - `steps`: numbers of steps in each segment, tried in turn until the error is small enough; two to five numbers, at
       least six each.
     - `coarse_steps`: of the grid on which the branch is followed in the load, before it is polished on those of
       `steps`; at least three.
@@ -49,7 +49,7 @@ class SingleShooting(eqx.Module):
     """
 
     error: float = eqx.field(static=True, default=1e-8)
-    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 13, 18, 28))
+    steps: tuple[int, ...] = eqx.field(static=True, default=(10, 13, 20, 40, 80))
     coarse_steps: int = eqx.field(static=True, default=3)
     newton_tol: float = eqx.field(static=True, default=1e-4)
     max_iterations: int = eqx.field(static=True, default=60)
@@ -114,7 +114,7 @@ class Automatic(eqx.Module):
         """The methods, in turn."""
         return (
             SingleShooting(self.error, steps=self.traced.steps[:2]),
-            SingleShooting(self.error, steps=(14, 20, 28, 40), coarse_steps=6),
+            SingleShooting(self.error, steps=(14, 20, 28, 40, 80), coarse_steps=6),
             MultipleShooting(error=self.error),
             MultipleShooting(intervals=256, error=self.error),
         )

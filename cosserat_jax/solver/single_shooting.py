@@ -116,10 +116,10 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_r
     )  # fmt: skip
     levels = jnp.asarray(settings.steps)
 
-    def evaluate(load: Array, u: Array, count: Array) -> tuple[Array, Array, Trajectory]:
+    def evaluate(load: Array, u: Array, count: Array, before: Trajectory) -> tuple[Array, Array, Trajectory]:
         """The error of the base with its place, which tendons are taut, and the integration."""
         loaded = unknowns.applied(rod.at_load(load), u)
-        trajectory = shoot(loaded, unknowns.tip(loaded, u), tableau, count, most)
+        trajectory = shoot(loaded, unknowns.tip(loaded, u), tableau, count, before)
         base = trajectory.base
         place = [] if unknowns.pose == 3 else [base.x / rod.length, base.y / rod.length]
         error = unknowns.error(loaded, base)
@@ -221,7 +221,7 @@ def find(scene: Scene, settings: Settings, tableau: Tableau, most: int, coarse_r
         is_probe = loop.branch.iterations.max() == 0
         coarse = jnp.where(is_probe, _PROBE_STEPS, settings.coarse_steps)
         count = jnp.where(is_polish, levels[loop.level], coarse).astype(int)
-        value, taut, trajectory = evaluate(load, at, count)
+        value, taut, trajectory = evaluate(load, at, count, loop.trajectory)
         followed = follow(loop, value, trajectory.base, taut)
         polished = polish(loop, value, taut)
         kept = jax.tree.map(
