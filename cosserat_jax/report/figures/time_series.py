@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from ...physics.tcam import tension_gain
 from ...scene import TCAM, ZERO_CELSIUS
 from ...scene.quantity import Scalar
-from ...solver import Response
+from ...solver import Response, tcam_response
 from .layout import prefixed
 from .panels import case_style, say
 
@@ -137,34 +137,51 @@ def _limit(actuation: "Actuation", i: int) -> float:
     return float(actuation.tcam(i).limit_temperature) - ZERO_CELSIUS
 
 
-def _voltage(asked: Times, response: Response, tcam: TCAM) -> Curve:
-    """The voltage as it is between the instants too, both its values where it jumps."""
-    if tcam.voltage is None:
-        return asked, np.zeros_like(asked)
+def _instants(asked: Times, tcam: TCAM) -> Times:
+    """The instants asked for, and as many between them as the voltage's fastest changes ask for."""
+    assert tcam.voltage is not None, "a driven muscle"
     begin, end = asked[0], asked[-1]
     samples = min(max(_SAMPLES, _PER_STEP * (end - begin) / float(tcam.voltage.step_limit)), _MOST_SAMPLES)
+    return np.unique(np.concatenate([asked, np.linspace(begin, end, int(samples))]))
+
+
+def _voltage(asked: Times, response: Response, tcam: TCAM) -> Curve:
+    """The voltage, at jumps with the values before and after."""
+    if tcam.voltage is None:
+        return asked, np.zeros_like(asked)
     breaks = np.asarray(tcam.voltage.breaks)
-    every = np.concatenate([asked, np.linspace(begin, end, int(samples)), breaks, np.nextafter(breaks, -np.inf)])
-    times = np.unique(every.clip(begin, end))
+    every = np.concatenate([_instants(asked, tcam), breaks, np.nextafter(breaks, -np.inf)])
+    times = np.unique(every.clip(asked[0], asked[-1]))
     return times, np.asarray(tcam.voltage(jnp.asarray(times)))
 
 
 def _temperature(asked: Times, response: Response, tcam: TCAM) -> Curve:
-    celsius = np.asarray(response.temperature) - ZERO_CELSIUS
-    return _with_peak(asked, celsius, response, response.peak.temperature - ZERO_CELSIUS)
+    times, dense = _followed(asked, response, tcam)
+    return _with_peak(
+        times, np.asarray(dense.temperature) - ZERO_CELSIUS, response, response.peak.temperature - ZERO_CELSIUS
+    )
 
 
 def _tension(asked: Times, response: Response, tcam: TCAM) -> Curve:
+    times, dense = _followed(asked, response, tcam)
     highest = tension_gain(tcam) * (response.peak.temperature - tcam.ambient_temperature)
-    return _with_peak(asked, np.asarray(response.tension), response, highest)
+    return _with_peak(times, np.asarray(dense.tension), response, highest)
 
 
-def _with_peak(asked: Times, values: Float[np.ndarray, " times"], response: Response, highest: Scalar) -> Curve:
+def _followed(asked: Times, response: Response, tcam: TCAM) -> tuple[Times, Response]:
+    """The muscle between the instants too, where these are too sparse to draw a curve through them."""
+    if tcam.voltage is None or len(asked) < 2:
+        return asked, response
+    times = _instants(asked, tcam)
+    return (asked, response) if len(times) < 2 * len(asked) else (times, tcam_response(tcam, times))
+
+
+def _with_peak(times: Times, values: Float[np.ndarray, " times"], response: Response, highest: Scalar) -> Curve:
     """The curve through the instants and the peak, which may lie between them."""
     if not np.isfinite(response.peak.time):
-        return asked, values
-    at = np.searchsorted(asked, response.peak.time)
-    return np.insert(asked, at, response.peak.time), np.insert(values, at, highest)
+        return times, values
+    at = np.searchsorted(times, response.peak.time)
+    return np.insert(times, at, response.peak.time), np.insert(values, at, highest)
 
 
 _QUANTITIES: dict[str, tuple[str, Callable[[Times, Response, TCAM], Curve]]] = {
