@@ -40,7 +40,7 @@ def scenes() -> dict[str, Scene]:
 
 
 def one_case(name: str, scene: Scene, targets: int, compared: int) -> list[Any]:
-    """Prints what came of one scene, and gives it back as a row of the table."""
+    """Prints the results of one scene, and returns them as a row of the table."""
     free = [f"muscles.{i}.tension" for i in range(len(scene.muscles))]
     arms = Arms.of(scene, free, None, METHOD)
     rng = np.random.default_rng(2026)

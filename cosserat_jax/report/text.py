@@ -63,7 +63,7 @@ def sweep_table(swept: "Sweep") -> str:
 
 
 def sweep_summary(name: str, swept: "Sweep", seconds: float) -> str:
-    """What was swept, what came of it, and the first of the rods that have no solution."""
+    """What was swept, the outcomes, and the first of the rods that have no solution."""
     converged, heights = np.asarray(swept.solution.converged), np.asarray(swept.solution.tip.y)
     lines = [f"{name}: {converged.sum()} of {converged.size} rods converged"]
     for path, values in swept.over.items():
@@ -139,7 +139,7 @@ def overheated_lines(actuation: "Actuation") -> list[str]:
 
 
 def _muscle_line(actuation: "Actuation", i: int) -> dict[str, Any]:
-    """What came of muscle `i`, its highest temperature, when, and with what force it then pulls."""
+    """The outcome of muscle `i`, its highest temperature, when, and with what force it then pulls."""
     response, tcam = actuation.responses[i], actuation.tcam(i)
     rise = response.peak.temperature - tcam.ambient_temperature
     return {
@@ -151,7 +151,7 @@ def _muscle_line(actuation: "Actuation", i: int) -> dict[str, Any]:
 
 
 def _motion_sentence(actuation: "Actuation") -> str:
-    """What came of the worst of the muscles, and of the first instant at which the arm has no equilibrium."""
+    """The outcomes of the worst of the muscles and of the first instant at which the arm has no equilibrium."""
     worst = _worst(actuation)
     outcome, solution = actuation.responses[worst].outcome, actuation.solution
     lost = np.flatnonzero(~np.asarray(solution.converged))
@@ -182,7 +182,7 @@ def _tension_text(tension: Any) -> str:
 
 
 def _rod_text(swept: "Sweep", place: tuple[int, ...]) -> str:
-    """The swept values of the rod at `place` of the grid, and what came of it."""
+    """The swept values of the rod at `place` of the grid, and its outcome."""
     values = [
         f"{path} = {values[i]:.6g} {unit_of(swept.scene, path)}".removesuffix(" 1")
         for (path, values), i in zip(swept.over.items(), place, strict=True)

@@ -1,4 +1,4 @@
-"""What came of a solve, as data: a rod in a batch carries its own."""
+"""The outcome of a solve, as data: every rod of a batch has its own."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ class Outcome(eqx.Enumeration):
 
     converged = "converged to the equilibrium that proportional loading reaches"
     volume_constraint_folded = (
-        "the volume constraint has folded: at this load a cross-section has no in-plane stretch that keeps its volume; "
+        "the volume constraint has folded: at this load a cross-section has no scale that keeps its volume; "
         "lower the load, stiffen the arm, or use cross_section = 'rigid'"
     )
     limit_point = (
@@ -42,7 +42,7 @@ class Outcome(eqx.Enumeration):
 
 
 class ResponseOutcome(eqx.Enumeration):
-    """What came of a TCAM's response over time; `ResponseOutcome[member]` is the sentence."""
+    """The outcome of a TCAM's response over time; `ResponseOutcome[member]` is the sentence."""
 
     followed = "followed to the last of the times"
     overheated = (

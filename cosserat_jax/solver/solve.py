@@ -95,7 +95,7 @@ def is_lost(solution: Solution, method: SingleShooting | MultipleShooting) -> An
 
 
 def solve_once(scene: Scene, method: SingleShooting | MultipleShooting, places: Any) -> Solution:
-    """The solution by one method, whatever comes of it."""
+    """The solution by one method, whatever its outcome."""
     if isinstance(method, MultipleShooting):
         return solution_of(multiple_shooting(as_floats(scene), jnp.asarray(places), method))
     leaves, tree = jax.tree.flatten(scene)

@@ -25,7 +25,7 @@ _TIP_STRAIN = {
     "nu": ("1", "stretch at the tip"),
     "eta": ("1", "shear at the tip"),
     "mu": ("1/m", "curvature at the tip"),
-    "beta": ("1", "in-plane stretch of the tip's cross-section"),
+    "beta": ("1", "scale of the tip's cross-section"),
 }
 _FIELDS = {
     "x": ("m", "centerline position along e1"),
@@ -34,13 +34,13 @@ _FIELDS = {
     "nu": ("1", "stretch"),
     "eta": ("1", "shear"),
     "mu": ("1/m", "curvature"),
-    "beta": ("1", "in-plane stretch of the cross-section"),
+    "beta": ("1", "scale of the cross-section"),
     "N": ("Pa", "normal traction"),
     "H": ("Pa", "shear traction"),
     "M": ("Pa/m", "bending moment per second moment of area"),
-    "force_x": ("N", "total force of section and muscles along e1"),
-    "force_y": ("N", "total force of section and muscles along e2"),
-    "moment": ("N*m", "total moment of section and muscles"),
+    "force_x": ("N", "internal force along e1, muscles included"),
+    "force_y": ("N", "internal force along e2, muscles included"),
+    "moment": ("N*m", "internal moment, muscles included"),
 }
 _STATS = {
     "residual": ("1", "error of the clamp at the base, in radians and lengths of the arm"),
@@ -69,7 +69,7 @@ def solution_variables(dims: Dims, solution: Solution) -> dict[str, Variable]:
         data[name] = variable(dims, getattr(solution, name), unit, meaning)
     converged = np.asarray(solution.converged, np.int8)
     data["converged"] = variable(dims, converged, "1", "1 where the equilibrium was found")
-    data["outcome"] = outcome_variable(dims, solution.outcome, Outcome, "what came of the rod")
+    data["outcome"] = outcome_variable(dims, solution.outcome, Outcome, "outcome of the solve")
     for name, (unit, meaning) in _FIELDS.items():
         data[name] = variable((*dims, "s"), getattr(solution.fields, name), unit, meaning)
     return data

@@ -81,7 +81,7 @@ def _muscle_variables(scene: Scene, by_muscle: Mapping[int, Response]) -> dict[s
     data["peak_temperature"] = variable(dims, peak.temperature, "K", meaning)
     data["time_of_peak"] = variable(dims, peak.time, "s", "time of the highest temperature")
     data["limit_temperature"] = variable(dims, limits, "K", "temperature beyond which the muscle may fail")
-    data["muscle_outcome"] = outcome_variable(dims, responses.outcome, ResponseOutcome, "what came of the muscle")
+    data["muscle_outcome"] = outcome_variable(dims, responses.outcome, ResponseOutcome, "outcome of the response")
     data["muscle_steps"] = variable(dims, responses.steps, "1", "steps of the integration in time")
     return data
 

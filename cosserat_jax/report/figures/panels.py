@@ -24,7 +24,7 @@ _TIGHT, TALL = 4.0, 3.4  # inches: panels below are narrow and draw small heads;
 # name: (label, SI unit, the values)
 _ALONG: dict[str, tuple[str, str, Callable[[Fields], Any]]] = {
     "tilt": (r"tilt $\alpha - \theta$", "deg", lambda fields: np.rad2deg(np.arctan2(fields.eta, fields.nu))),
-    "beta": (r"in-plane stretch $\beta$", "1", lambda fields: fields.beta),
+    "beta": (r"cross-section scale $\beta$", "1", lambda fields: fields.beta),
     "N": ("normal traction $N$", "Pa", lambda fields: fields.N),
     "H": ("shear traction $H$", "Pa", lambda fields: fields.H),
     "M": ("bending moment $M$", "Pa/m", lambda fields: fields.M),

@@ -149,7 +149,7 @@ def tip_angles(swept: "Sweep") -> Figure:
 
 @printed
 def tilt_and_stretch_along(swept: "Sweep", case: int = 0) -> Figure:
-    """Tilt atan2(eta, nu) and in-plane stretch beta along the rod for some values of the colour, in one case."""
+    """Tilt atan2(eta, nu) and cross-section scale beta along the rod for some values of the colour, in one case."""
     return _curves_along(Layout.of(swept), case, ("tilt", "beta"))
 
 

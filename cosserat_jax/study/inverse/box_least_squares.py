@@ -167,7 +167,7 @@ def _model(search: Search, rows: np.ndarray, effort: Effort) -> tuple[np.ndarray
 def _try(
     imaging: Imaging, search: Search, rows: np.ndarray, step: np.ndarray, promised: np.ndarray, effort: Effort
 ) -> None:
-    """Takes the steps that lower phi, and widens or narrows the trust region by what came of what was promised."""
+    """Takes the steps that lower phi; the ratio of actual to predicted decrease sets the size of the trust region."""
     u = np.clip(search.u[rows] + step, 0.0, 1.0)
     error, jacobian, curvature, exists = _with_curvature(imaging, u, search.target[rows], search.curved[rows])
     size, eps = np.abs(step).max(axis=-1), search.eps[rows]
