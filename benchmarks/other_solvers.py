@@ -24,7 +24,7 @@ Tip = tuple[float, float]
 
 
 def by_scipy(scene: Scene, tol: float) -> Callable[[], Tip]:
-    """An arm in a uniform current, bent by one muscle to its tip with a printed tangent; from the straight arm."""
+    """An arm in a uniform current, bent by one muscle to its tip, tangent unnormalized; from the straight arm."""
     from scipy.integrate import solve_bvp
 
     # out of the scene once: looking into its modules costs time

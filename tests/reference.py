@@ -8,7 +8,7 @@ directors (a, b), k = a x b; X = ventral R(s); y(s) is the signed offset of a mu
     states    x, y, theta, n_a, n_b, mu, beta   on every piece of rod between two muscle ends
     strains   nu = 1 + n_a / EA,  eta = n_b / GA,  EA = c E pi (beta R)^2,  EJ = c E pi (beta R)^4 / 4
     pose      x' = nu cos - eta sin,  y' = nu sin + eta cos,  theta' = mu = m / EJ
-    muscle    t = p a + w b,  p = nu - y beta mu,  w = eta + (y beta)';  d = t ("printed") or t / |t| ("unit")
+    muscle    t = p a + w b,  p = nu - y beta mu,  w = eta + (y beta)';  d = t ("unnormalized") or t / |t| ("unit")
     forces    n_a' - mu n_b + sum T (d_a' - mu d_b) + f_a = 0
               n_b' + mu n_a + sum T (d_b' + mu d_a) + f_b = 0
     moment    m' + nu n_b - eta n_a - sum T y beta (d_a' - mu d_b) + m_water = 0
@@ -68,7 +68,7 @@ class Rod:
         end = column([m.get("end", self.length) for m in muscles])
         self.offset_base = column([m["side"] * m["base_offset"] for m in muscles])
         self.offset_slope = column([m["side"] * (m["end_offset"] - m["base_offset"]) for m in muscles]) / end
-        self.unit = column([m.get("tangent", "printed") == "unit" for m in muscles]) > 0
+        self.unit = column([m.get("tangent", "unnormalized") == "unit" for m in muscles]) > 0
         ends = np.unique(np.append(end, self.length))
         self.start = np.append(0.0, ends[:-1])[:, None]
         self.span = ends[:, None] - self.start
@@ -274,7 +274,7 @@ def solve(
 
     Gives `converged`, `message`, `load_fraction`; at the tip `x, y, theta, nu, eta, mu, beta`; `fields(s)`:
     these at any s, the internal `n_a, n_b, m`, and `Fx, Fy, M`, which hold the pull of the muscles too; at a
-    muscle end those of the piece before it; `contractions`: how much shorter than at rest the path of each muscle
+    muscle end those of the piece before it; `displacements`: how much shorter than at rest the path of each muscle
     is. `tol` bounds the relative residual of collocation: 1e-9 gives the
     tip to about 1e-12 L, below 1e-10 rounding is in the way. `cold`: from the straight arm at full load.
     `max_change` limits x/L, y/L, theta, beta per load step, `min_step` is where raising the load is given up.
@@ -308,7 +308,7 @@ def solve(
         values |= {"Fx": (f_x * total[:2]).sum(axis=0), "Fy": (f_y * total[:2]).sum(axis=0), "M": total[2]}
         return {name: value[piece, np.arange(len(s))] for name, value in values.items()}
 
-    def contractions() -> Array:
+    def displacements() -> Array:
         nodes, weights = np.polynomial.legendre.leggauss(6)
         step = np.diff(last.xi)[:, None]
         xi, weight = (last.xi[:-1, None] + step * (nodes + 1) / 2).ravel(), (step * weights / 2).ravel()
@@ -318,14 +318,14 @@ def solve(
 
     tip = {name: value.item() for name, value in fields(rod.length).items()}
     outcome = {"converged": message == "converged", "message": message, "load_fraction": last.load}
-    return SimpleNamespace(**outcome, **tip, fields=fields, contractions=contractions())
+    return SimpleNamespace(**outcome, **tip, fields=fields, displacements=displacements())
 
 
 def random_scene(rng: np.random.Generator) -> Scene:
     """A solvable scene of a kind drawn by chance, around the paper's octopus arm."""
     uniform, length, sign = rng.uniform, 0.418, int(rng.choice([-1, 1]))
 
-    def muscle(low: float, high: float, side: int = 1, end: float = length, kind: str = "printed") -> Scene:
+    def muscle(low: float, high: float, side: int = 1, end: float = length, kind: str = "unnormalized") -> Scene:
         base, stop = 0.012 * uniform(0.7, 1.0), (0.012 - 0.011 * end / length) * uniform(0.8, 1.2)
         pull = {"side": side, "tension": uniform(low, high), "tangent": kind}
         return pull | {"base_offset": base, "end_offset": stop, "end": end}

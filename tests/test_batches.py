@@ -24,10 +24,10 @@ from cosserat_jax import (
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
 OCTOPUS = load_scene("octopus")
-TWO = dataclasses.replace(  # two segments, a given contraction, a current that changes with height, a load on the tip
+TWO = dataclasses.replace(  # two segments, a given displacement, a current that changes with height, a load on the tip
     OCTOPUS,
     muscles=(
-        dataclasses.replace(OCTOPUS.muscles[0], tension=None, contraction=0.006),
+        dataclasses.replace(OCTOPUS.muscles[0], tension=None, displacement=0.006),
         Muscle(base_offset=0.012, end_offset=0.006, tension=4.0, end=0.21, side=-1),
     ),
     water=dataclasses.replace(OCTOPUS.water, velocity_gradient=0.5),
@@ -35,7 +35,7 @@ TWO = dataclasses.replace(  # two segments, a given contraction, a current that 
 )
 UNIT = replace(OCTOPUS, {"muscles.0.tangent": "unit"})
 PATHS = {
-    "two segments": (TWO, ["muscles.0.contraction", "muscles.1.end", "arm.youngs_modulus"]),
+    "two segments": (TWO, ["muscles.0.displacement", "muscles.1.end", "arm.youngs_modulus"]),
     "unit tangent": (UNIT, ["muscles.0.tension", "muscles.0.base_offset", "arm.tip_radius"]),
 }
 
@@ -47,7 +47,7 @@ GRID = {  # each rod with an arm of its own, so that the segments and the gradin
     "arm.length": [0.418, 0.30, 0.418, 0.5, 0.418],
     "arm.tip_radius": [0.004, 0.006, 0.004, 0.004, 0.004],
     "muscles.1.end": [0.2, 0.25, 0.418, 0.2, 0.21],
-    "muscles.0.contraction": [0.006, 0.004, 0.006, 0.4, jnp.nan],
+    "muscles.0.displacement": [0.006, 0.004, 0.006, 0.4, jnp.nan],
 }
 
 

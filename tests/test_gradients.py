@@ -24,7 +24,7 @@ from cosserat_jax.solver import Method
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
 OCTOPUS = load_scene("octopus")
-FULL = Scene(  # every kind of float leaf that a printed, volume-preserving scene can have
+FULL = Scene(  # every kind of float leaf that a volume-preserving scene of unnormalized tangents can have
     arm=replace(OCTOPUS, {"arm.poisson_ratio": 0.45, "arm.base_angle": 0.1}).arm,
     muscles=(
         Muscle(base_offset=0.011, end_offset=0.006, tension=9.0, end=0.2),

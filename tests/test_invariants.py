@@ -107,7 +107,7 @@ def test_fields_satisfy_the_papers_local_balance():
 def test_work_of_the_muscle_is_the_energy_it_stores():
     """Without water and weight on a rigid section the arm is elastic: the section's energy
     1/2 int c (E A (nu - 1)^2 + G A eta^2 + E J mu^2) ds equals the integral over the pull of what the muscle gives,
-    minus d(int |t_c|^2 / 2 ds)/dT times T, for printed tangents."""
+    minus d(int |t_c|^2 / 2 ds)/dT times T, for unnormalized tangents."""
     scene = replace(WEIGHTLESS, {"arm.cross_section": "rigid"})
     arm, muscle = scene.arm, scene.muscles[0]
     s = np.linspace(0, arm.length, 201)

@@ -1,4 +1,4 @@
-"""Muscles whose contraction is given: the tension found is the one that gives it, a slack muscle does not push."""
+"""Muscles whose displacement is given: the tension found is the one that gives it, a slack muscle does not push."""
 
 import dataclasses
 import json
@@ -32,7 +32,7 @@ from cosserat_jax import (
 
 METHOD = SingleShooting(steps=(10, 20))  # of two grids the last is always the second: no jumps in differences
 OCTOPUS = load_scene("octopus")
-WOUND = replace(OCTOPUS, {"muscles.0.contraction": "8 mm"})
+WOUND = replace(OCTOPUS, {"muscles.0.displacement": "8 mm"})
 PLAIN = {  # antagonists, one of which ends before the tip, in a current that changes with height: three unknowns
     "arm": {"length": 0.418, "base_radius": 0.015, "tip_radius": 0.004, "density": 1100.0, "youngs_modulus": 1e7,
             "poisson_ratio": 0.5},
@@ -45,7 +45,7 @@ PLAIN = {  # antagonists, one of which ends before the tip, in a current that ch
     ],
 }  # fmt: skip
 PULLED = scene_of(PLAIN)
-BOTH_WOUND = replace(PULLED, {"muscles.0.contraction": "9 mm", "muscles.1.contraction": "-0.4 mm"})
+BOTH_WOUND = replace(PULLED, {"muscles.0.displacement": "9 mm", "muscles.1.displacement": "-0.4 mm"})
 
 
 @pytest.mark.slow
@@ -53,41 +53,41 @@ def test_tensions_are_those_of_collocation_whose_muscles_have_that_length():
     """Solved with tensions by the independent formulation, the lengths of its muscles by quadrature."""
     expected = reference.solve(PLAIN)
     assert expected.converged
-    given = {f"muscles.{i}.contraction": float(d) for i, d in enumerate(expected.contractions)}
+    given = {f"muscles.{i}.displacement": float(d) for i, d in enumerate(expected.displacements)}
     solution = solve(replace(PULLED, given), METHOD, points=3)
     np.testing.assert_allclose(solution.tensions, [20.0, 6.0], rtol=1e-7)
     np.testing.assert_allclose([solution.tip.x, solution.tip.y], [expected.x, expected.y], rtol=0, atol=4e-9)
 
 
-@pytest.mark.parametrize("contraction", [0.001, 0.01, 0.05])
-def test_parallel_tendon_in_closed_form(contraction: float):
+@pytest.mark.parametrize("displacement", [0.001, 0.01, 0.05])
+def test_parallel_tendon_in_closed_form(displacement: float):
     """With a unit tangent, a rigid section and no load the arm is an arc: kappa = r T / (E I), nu = 1 - T / (E A), so
-    the contraction is L (1 - nu + r kappa) = L T (1 / (E A) + r^2 / (E I))."""
+    the displacement is L (1 - nu + r kappa) = L T (1 / (E A) + r^2 / (E I))."""
     scene = dataclasses.replace(load_scene("tendon-robot"), gravity=None)
     stiffness, length, offset = scene.arm.stiffness, scene.arm.length, scene.muscles[0].base_offset
-    tension = contraction / length / (1 / stiffness.axial + offset**2 / stiffness.bending)
-    solution = solve(replace(scene, {"muscles.0.contraction": contraction}), METHOD, points=3)
+    tension = displacement / length / (1 / stiffness.axial + offset**2 / stiffness.bending)
+    solution = solve(replace(scene, {"muscles.0.displacement": displacement}), METHOD, points=3)
     assert float(solution.tensions[0]) == pytest.approx(tension, rel=1e-11)
     bend = float(solution.tip.theta) - scene.arm.base_angle
     assert abs(bend) == pytest.approx(length * offset * tension / stiffness.bending, rel=1e-10)
 
 
 @pytest.mark.slow
-def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
+def test_sweep_over_displacement_is_each_solve_and_tensions_are_in_its_dataset():
     """Paid out, the muscle is slack, and the arm that of no tension; at its length at rest it holds the arm up; the
-    third contraction is that at 20 N, by a spline through the fields."""
-    contractions = [-0.01, 0.0, 0.008573833041, 0.02]
-    swept = sweep(OCTOPUS, {"muscles.0.contraction": contractions}, METHOD, points=3)
+    third displacement is that at 20 N, by a spline through the fields."""
+    displacements = [-0.01, 0.0, 0.008573833041, 0.02]
+    swept = sweep(OCTOPUS, {"muscles.0.displacement": displacements}, METHOD, points=3)
     tensions = swept.solution.tensions
     assert swept.solution.converged.all()
     assert tensions[0, 0] == 0
     assert tensions[2, 0] == pytest.approx(20.0, rel=1e-9)
     np.testing.assert_allclose(swept.solution.tip.y[[0, 2]], [-0.0036152319, 0.1171941337], rtol=0, atol=2e-10)
     assert (np.diff(tensions[:, 0]) > 0).all()
-    alone = solve(replace(WOUND, {"muscles.0.contraction": contractions[3]}), METHOD, points=3)
+    alone = solve(replace(WOUND, {"muscles.0.displacement": displacements[3]}), METHOD, points=3)
     np.testing.assert_allclose(tensions[3], alone.tensions, rtol=1e-11)
     in_dataset = swept.to_xarray().tension
-    assert in_dataset.dims == ("muscles.0.contraction", "muscle")
+    assert in_dataset.dims == ("muscles.0.displacement", "muscle")
     assert in_dataset.attrs["units"] == "N"
 
 
@@ -95,8 +95,8 @@ def test_sweep_over_contraction_is_each_solve_and_tensions_are_in_its_dataset():
 def test_multiple_shooting_finds_the_same_tension():
     """Wound in and paid out; at the latter the muscle, taut in the linear response, goes slack."""
     methods = (METHOD, MultipleShooting(intervals=8))
-    for contraction in (0.008573833041, -0.01):
-        wound = replace(WOUND, {"muscles.0.contraction": contraction})
+    for displacement in (0.008573833041, -0.01):
+        wound = replace(WOUND, {"muscles.0.displacement": displacement})
         single, multiple = (solve(wound, method, points=3) for method in methods)
         np.testing.assert_allclose(multiple.tensions, single.tensions, rtol=1e-8)
         np.testing.assert_allclose(multiple.tip.y, single.tip.y, rtol=0, atol=1e-9)
@@ -115,7 +115,7 @@ def test_length_control_holds_where_tension_control_snaps():
         (Muscle(0.015, 0.015, 1.0, side=-1, tangent="unit"),),
         tip=Tip(force=(0.0, -load)),
     )  # fmt: skip
-    held = sweep(column, {"muscles.0.contraction": np.array([-0.02, -0.012, -0.004, 0.0])}, METHOD, points=3).solution
+    held = sweep(column, {"muscles.0.displacement": np.array([-0.02, -0.012, -0.004, 0.0])}, METHOD, points=3).solution
     assert held.converged.all()
     tensions = held.tensions[:, 0]
     assert tensions[0] < tensions[1] > tensions[2] > tensions[3] > 0
@@ -159,57 +159,57 @@ def _leaves(path: str, step: int) -> bool:
 
 @pytest.mark.slow
 def test_derivatives_of_a_slack_muscle_are_those_of_none():
-    columns = parameters(REVERSE(as_arrays(replace(BOTH_WOUND, {"muscles.1.contraction": "-20 mm"}))))
+    columns = parameters(REVERSE(as_arrays(replace(BOTH_WOUND, {"muscles.1.displacement": "-20 mm"}))))
     assert np.isfinite(np.stack(list(columns.values()))).all()
-    for name in ("contraction", "base_offset", "end_offset", "end"):
+    for name in ("displacement", "base_offset", "end_offset", "end"):
         np.testing.assert_allclose(columns[f"muscles.1.{name}"], 0, atol=1e-8)  # its end is where steps begin
-    assert columns["muscles.0.contraction"][0] > 0
+    assert columns["muscles.0.displacement"][0] > 0
 
 
 @pytest.mark.slow
 def test_muscles_on_one_path_cannot_be_told_apart():
     offsets = [f"muscles.{i}.{name}" for i in range(2) for name in ("base_offset", "end_offset")]
     same = replace(BOTH_WOUND, dict.fromkeys(offsets, 0.0) | {"muscles.1.end": PULLED.arm.length})
-    same = replace(same, {"muscles.0.contraction": 0.001, "muscles.1.contraction": 0.001})
+    same = replace(same, {"muscles.0.displacement": 0.001, "muscles.1.displacement": 0.001})
     solution = solve(same, METHOD, points=3, throw=False)
     assert Outcome[solution.outcome] == Outcome[Outcome.muscles_redundant]
     assert np.isnan(solution.tensions).all()
 
 
-def test_a_contraction_beside_a_tension_or_a_coil_is_refused():
+def test_a_displacement_beside_a_tension_or_a_coil_is_refused():
     coil = load_scene("octopus-tcam").muscles[0].tcam
     where = {"base_offset": 0.012, "end_offset": 0.001}
     for given, named in (
-        ({}, r"muscles\.0\.tension must be given, .* muscles\.0\.contraction, or a table muscles\.0\.tcam"),
+        ({}, r"muscles\.0\.tension must be given, .* muscles\.0\.displacement, or a table muscles\.0\.tcam"),
         (
-            {"tension": 1.0, "contraction": 0.01},
-            r"muscles\.0\.tension must be given alone, but is given beside muscles\.0\.contraction",
+            {"tension": 1.0, "displacement": 0.01},
+            r"muscles\.0\.tension must be given alone, but is given beside muscles\.0\.displacement",
         ),
         (
-            {"contraction": 0.01, "tcam": coil},
-            r"muscles\.0\.contraction must be given alone, but is given beside muscles\.0\.tcam",
+            {"displacement": 0.01, "tcam": coil},
+            r"muscles\.0\.displacement must be given alone, but is given beside muscles\.0\.tcam",
         ),
-        ({"contraction": math.nan}, r"muscles\.0\.contraction must be a finite number, but is nan"),
+        ({"displacement": math.nan}, r"muscles\.0\.displacement must be a finite number, but is nan"),
     ):
         with pytest.raises(InputError, match=named):
             Scene(OCTOPUS.arm, (Muscle(**where, **given),))
 
 
-def test_contraction_takes_the_place_of_tension_and_reads_back(tmp_path):
+def test_displacement_takes_the_place_of_tension_and_reads_back(tmp_path):
     assert WOUND.muscles[0].tension is None
     assert replace(WOUND, {"muscles.0.tension": "20 N"}) == OCTOPUS
     with pytest.raises(InputError, match="given beside"):
-        replace(OCTOPUS, {"muscles.0.tension": "20 N", "muscles.0.contraction": "5 mm"})
+        replace(OCTOPUS, {"muscles.0.tension": "20 N", "muscles.0.displacement": "5 mm"})
     path = tmp_path / "wound.toml"
     path.write_text(dumps(WOUND))
     assert load_scene(path) == WOUND
 
 
 @pytest.mark.slow
-def test_command_line_takes_a_contraction_and_prints_the_tension(run: Run):
-    words = ("solve", "octopus", "--set", "muscles.0.contraction=8 mm")
+def test_command_line_takes_a_displacement_and_prints_the_tension(run: Run):
+    words = ("solve", "octopus", "--set", "muscles.0.displacement=8 mm")
     line, text = run(*words, "--json"), run(*words)
     (tension,) = json.loads(line.out)["tensions_N"]
     assert tension == pytest.approx(18.6, abs=0.3)
     assert f"tensions     {tension:.6g} N" in text.out
-    assert "0 N (slack)" in run(*words[:3], "muscles.0.contraction=-8 mm").out
+    assert "0 N (slack)" in run(*words[:3], "muscles.0.displacement=-8 mm").out

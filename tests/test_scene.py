@@ -159,7 +159,7 @@ def test_replace_changes_only_what_is_named():
         ({"muscles.0.tension": math.nan}, "but is nan N"),
         ({"muscles.0.end": 0.42}, "the arm's length"),
         ({"muscles.0.end_offset": 0.0041}, "outside the arm"),
-        ({"muscles.0.tangent": "unity"}, "'printed' or 'unit'"),
+        ({"muscles.0.tangent": "unity"}, "'unnormalized' or 'unit'"),
         ({"muscles.0.tension": "a lot of N"}, "a number and a unit"),
     ],
 )

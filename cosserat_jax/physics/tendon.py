@@ -48,7 +48,7 @@ class Tendon(eqx.Module):
         end = arm.length if muscle.end is None else muscle.end
         slope = muscle.side * (muscle.end_offset - muscle.base_offset) / end
         tension: Any = 0.0 if muscle.tension is None else muscle.tension
-        displacement = muscle.contraction
+        displacement = muscle.displacement
         return cls(tension, muscle.side * muscle.base_offset, slope, muscle.end, displacement, muscle.tangent == "unit")
 
     def offset_at(self, s: Any) -> Any:

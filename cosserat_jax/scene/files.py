@@ -129,7 +129,7 @@ def _missing(kind: type[eqx.Module], table: Any, prefix: str) -> Iterator[str]:
                 yield from _missing(_module_of(hints[key]), part, f"{prefix}{name}.")
     if kind is Arm and "stiffness" not in table:
         yield from (f"{prefix}{key}" for key in ("youngs_modulus", "poisson_ratio") if key not in table)
-    if kind is Muscle and not table.keys() & {"tension", "contraction", "tcam"}:
+    if kind is Muscle and not table.keys() & {"tension", "displacement", "tcam"}:
         yield f"{prefix}tension"
 
 

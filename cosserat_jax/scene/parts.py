@@ -81,14 +81,16 @@ class Muscle(eqx.Module):
     """A muscle from the base to s = `end`, at the signed offset y(s) = side (a + (b - a) s / end) from the centerline.
 
     - `base_offset` a [m], `end_offset` b [m], `end` [m] (None: the arm's length).
-    - `tension` T [N]; or `contraction` [m], by which a tendon is wound in at the base, its tension T >= 0 then found;
-      or `tcam`, a `TCAM` whose voltage makes the tension: see `actuate`. Exactly one of the three.
-    - `tangent`: "printed" pulls with T t_c as the paper does, t_c = d r_c / ds not normalised; "unit" with
+    - `tension` T [N]; or `displacement` [m], the tendon displacement by which it is wound in at the base, its
+      tension T >= 0 then found; or `tcam`, a `TCAM` whose voltage makes the tension: see `actuate`. Exactly one of
+      the three.
+    - `tangent`: "unnormalized" pulls with T t_c as the paper does, t_c = d r_c / ds not normalised; "unit" with
       T t_c / |t_c|, the frictionless tendon of the tendon-robot literature. A unit muscle may run outside the arm.
 
     The path of a muscle is shorter than on the straight unloaded arm by int_0^end (sqrt(1 + y_s^2) - |t_c|) ds, t_c not
-    normalised, whatever `tangent` is. That is the given contraction, if negative one paid out; or more than it, for a
-    tendon cannot push: then it is slack, T = 0. The contraction is raised in proportion, as all loads are.
+    normalised, whatever `tangent` is. That is the given tendon displacement, if negative one paid out; or more
+    than it, for a tendon cannot push: then it is slack, T = 0. The displacement is raised in proportion, as all loads
+    are.
     """
 
     base_offset: Scalar = quantity("m", NOT_NEGATIVE, _OTHER_SIDE)
@@ -96,9 +98,9 @@ class Muscle(eqx.Module):
     tension: Scalar | None = quantity("N", NOT_NEGATIVE, default=None)
     end: Scalar | None = quantity("m", POSITIVE, default=None)
     side: Literal[1, -1] = choice(1, -1, default=1)
-    tangent: Literal["printed", "unit"] = choice("printed", "unit", default="printed")
+    tangent: Literal["unnormalized", "unit"] = choice("unnormalized", "unit", default="unnormalized")
     tcam: TCAM | None = None
-    contraction: Scalar | None = quantity("m", ANY, default=None)
+    displacement: Scalar | None = quantity("m", ANY, default=None)
 
 
 class Water(eqx.Module):

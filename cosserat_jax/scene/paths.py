@@ -51,7 +51,7 @@ def replace(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """`scene` with the parameters at these paths replaced; the scene itself is unchanged.
 
     A value is a number or array in SI, a string with a unit ("20 N"), or for a choice the choice ("rigid"). A muscle's
-    `contraction` takes the place of its `tension`, and the other way round.
+    `displacement` takes the place of its `tension`, and the other way round.
     Raises `InputError` for a path that does not exist and for a value that is not allowed there.
     """
     parsed = {}
@@ -85,7 +85,7 @@ def _replaced(part: Any, values: dict[tuple[str, ...], Any]) -> Any:
         return tuple(_replaced(item, below[str(i)]) if str(i) in below else item for i, item in enumerate(part))
     new = {key: _replaced(getattr(part, key), sub) for key, sub in below.items()}
     if isinstance(part, Muscle):
-        for one, other in (("tension", "contraction"), ("contraction", "tension")):
+        for one, other in (("tension", "displacement"), ("displacement", "tension")):
             if new.get(one) is not None:
                 new.setdefault(other, None)
     return dataclasses.replace(part, **new)

@@ -133,11 +133,11 @@ def _check_muscle(path: str, muscle: Any, arm: Any) -> None:
 
 
 def _check_source(path: str, muscle: Any) -> None:
-    """A muscle's tension is given, found from its contraction, or made by a TCAM."""
-    given = [name for name in ("tension", "contraction", "tcam") if getattr(muscle, name) is not None]
+    """A muscle's tension is given, found from its tendon displacement, or made by a TCAM."""
+    given = [name for name in ("tension", "displacement", "tcam") if getattr(muscle, name) is not None]
     if not given:
         raise InputError(
-            f"{path}.tension must be given, but is missing; or give {path}.contraction, or a table {path}.tcam that "
+            f"{path}.tension must be given, but is missing; or give {path}.displacement, or a table {path}.tcam that "
             "makes it"
         )
     if len(given) > 1:

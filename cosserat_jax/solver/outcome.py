@@ -32,8 +32,8 @@ class Outcome(eqx.Enumeration):
     iterations_exhausted = "the iterations are used up before the full load is reached; raise max_iterations"
     bad_input = "a parameter is NaN, infinite or out of its range; check the scene"
     muscles_redundant = (
-        "the given contractions do not tell the tensions apart: tension can be traded between these muscles without a "
-        "change of length, as between two on one path; give one of them its tension instead"
+        "the given tendon displacements do not tell the tensions apart: tension can be traded between these muscles "
+        "without a change of length, as between two on one path; give one of them its tension instead"
     )
     not_followed = (
         "the equilibrium could not be followed up to the full load, although no limit point is in sight; use "

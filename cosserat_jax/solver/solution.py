@@ -66,7 +66,7 @@ class Solution(eqx.Module):
     - `tip` [m, m, rad], `tip_strain`, `fields` over s: NaN for a rod that has no solution.
     - `outcome`: an `Outcome`; `Outcome[solution.outcome]` is its sentence.
     - `residual`: error of the clamp at s = 0, the largest of the angle [rad] and the place in lengths of the arm; and
-      of given contractions, over the lever of the muscle (see `physics.tendon`).
+      of given tendon displacements, over the lever of the muscle (see `physics.tendon`).
       With multiple shooting, if it is larger, the largest gap between two intervals.
     - `error`: estimated, of the tip's pose, from the difference between two numbers of steps [rad, lengths].
     - `condition`: max(1, |A|) max(1, |A^-1|), A the Jacobian of the equation that clamps the base. In single shooting A
@@ -75,7 +75,8 @@ class Solution(eqx.Module):
     - `iterations`: integrations with their Jacobian, over all load steps. `steps`: of the last integration.
     - `load_fraction`: the part of the load up to which the equilibrium was followed; 1 where converged.
     - `failed_at`: arc length s [m] at which the volume constraint folded or the integration stopped, else NaN.
-    - `tensions` [N] of all muscles, those given and those found from a contraction; 0 is slack. NaN without a solution.
+    - `tensions` [N] of all muscles, those given and those found from a tendon displacement; 0 is slack. NaN without a
+      solution.
     """
 
     tip: Pose

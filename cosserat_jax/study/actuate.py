@@ -76,7 +76,7 @@ def actuate(
 def with_tensions(scene: Scene, tensions: dict[int, Any]) -> Scene:
     """`scene` with these tensions [N], by the number of the muscle, in place of what makes them."""
     muscles = [
-        dataclasses.replace(muscle, tension=tensions[i], tcam=None, contraction=None) if i in tensions else muscle
+        dataclasses.replace(muscle, tension=tensions[i], tcam=None, displacement=None) if i in tensions else muscle
         for i, muscle in enumerate(scene.muscles)
     ]
     return dataclasses.replace(scene, muscles=tuple(muscles))

@@ -23,7 +23,7 @@ CASES = 4  # drawn at most
 # lightness rises from one end to the other, so the order reads in grey too; the yellow end is too pale for white paper
 COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.88, 256)))
 _PREFIXES = {-6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_IS_PULL = re.compile(r"muscles\.\d+\.(tension|contraction)")
+_IS_PULL = re.compile(r"muscles\.\d+\.(tension|displacement)")
 _ALREADY_PREFIXED = re.compile(r"1|rad\b|deg|kg|m\^")  # these take no further prefix
 
 
@@ -52,7 +52,7 @@ class Layout:
 
     @classmethod
     def of(cls, swept: "Sweep") -> "Layout":
-        """The colour is the first swept tension or contraction of a muscle, else the path with the most values."""
+        """The colour is the first swept tension or displacement of a muscle, else the path with the most values."""
         over = swept.over
         pulls = [path for path, v in over.items() if _IS_PULL.fullmatch(path) and v.size > 1]
         colour = pulls[0] if pulls else max(over, key=lambda path: over[path].size)
