@@ -268,7 +268,7 @@ def test_an_mp4_is_asked_for_only_where_there_is_ffmpeg(
 ) -> None:
     drawn = []
     monkeypatch.setattr("matplotlib.animation.writers.is_available", lambda name: ffmpeg)
-    monkeypatch.setattr("cosserat_jax.report.figures.actuation.save_animation", lambda _, place: drawn.append(place))
+    monkeypatch.setattr("cosserat_jax.report.figures.save_animation", lambda _, place: drawn.append(place))
     ran = run(*ACTUATE, "--plot", "a.mp4")
     if ffmpeg:
         assert (ran.status, ran.err, drawn) == (0, "", [tmp_path / "a.mp4"])

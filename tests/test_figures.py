@@ -190,7 +190,7 @@ def test_single_solves_get_a_panel_each_and_failures_are_named(swept):
     )
     assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == ["first", "second"]
     assert "no solution, left out: third (1 of 3)" in words(figure)
-    expected = (r"traction $N$ [kPa]", r"traction $H$ [kPa]", r"moment $M$ [MPa/m]", r"stretch $\beta$ [-]")
+    expected = (r"traction $N$ [kPa]", r"traction $H$ [kPa]", r"moment $M$ [MPa/m]", r"scale $\beta$ [-]")
     for axes, label in zip(figure.axes[2:], expected, strict=True):
         assert axes.get_ylabel().endswith(label)
         assert len(axes.lines) == 2

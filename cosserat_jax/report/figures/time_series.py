@@ -170,7 +170,7 @@ def _tension(asked: Times, response: Response, tcam: TCAM) -> Curve:
 
 def _followed(asked: Times, response: Response, tcam: TCAM) -> tuple[Times, Response]:
     """The muscle between the instants too, where these are too sparse to draw a curve through them."""
-    if tcam.voltage is None or len(asked) < 2:
+    if tcam.voltage is None or len(asked) < 2 or not np.isfinite(response.temperature).all():
         return asked, response
     times = _instants(asked, tcam)
     return (asked, response) if len(times) < 2 * len(asked) else (times, tcam_response(tcam, times))
