@@ -67,6 +67,7 @@ def test_a_twin_gives_its_hidden_parameters_back(exact):
         assert exact.values[path] == pytest.approx(hidden, rel=1e-5)
     assert exact.values["arm.youngs_modulus"] == exact.fitted.arm.youngs_modulus
     assert exact.warnings == ()
+    assert "arm.youngs_modulus: 8.3e+06 +- " in repr(exact) and "<svg" in exact._repr_html_()  # noqa: PT018
 
 
 def test_standard_errors_are_those_of_scipy(exact, tips):

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...scene import Scene, replace
+from ...scene import Scene, replace, unit_of
+from ...solver.display import data_against_model, described, holds_numbers, notebook
 from .measurements import Measurements
 from .optimizer import Minimum
 from .residuals import Problem
@@ -45,6 +46,33 @@ class Calibration:
     solver: Any
     max_steps: int
     noted: tuple[str, ...] = ()
+
+    def _text(self) -> str:
+        lines = [f"Calibration: {self.message}"]
+        for path, value in self.values.items():
+            number = f"{value:.6g} +- {self.stderr[path]:.2g} {unit_of(self.scene, path)}".removesuffix(" 1")
+            lines.append(f"  {path}: {number}")
+        lines += [f"  rms residual of {name}: {rms:.3g} {self.units[name]}" for name, rms in self.rms.items()]
+        return "\n".join(lines + [f"  warning: {line}" for line in self.warnings])
+
+    __repr__ = described(_text, ("searches",))
+
+    def _repr_html_(self) -> str:
+        if not holds_numbers(self.searches):
+            return notebook(repr(self))
+        columns: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        for table, said in zip(self.measured, self.predicted, strict=True):
+            for one, measured, predicted in zip(table.observables, table.values.T, said.T, strict=True):
+                columns.setdefault(one.name, []).append((measured, predicted))
+        panels = [
+            (
+                f"{name} [{self.units[name]}]",
+                np.concatenate([part[0] for part in parts]),
+                np.concatenate([part[1] for part in parts]),
+            )
+            for name, parts in columns.items()
+        ]
+        return notebook(f"{self!r}\n  predicted (up) against measured:", data_against_model(panels))
 
     @cached_property
     def minimum(self) -> Minimum:
