@@ -26,7 +26,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from timing import compiled, in_turn, line, machine, options, spread, table, timed
 
-from cosserat_jax import Calibration, Pulses, Scene, actuate, fit, load_scene, parameters, replace, solve
+from cosserat_jax import Calibration, Pulses, Scene, actuate, bootstrap, fit, load_scene, parameters, replace, solve
 
 CLAIM = """\
 Claim: `fit` finds the hidden parameters to 1e-5, at least 20 times as fast, once compiled, as SciPy with finite
@@ -116,8 +116,8 @@ def gradients() -> tuple[float, float]:
 
 def coverage(found: Calibration, repeats: int) -> list[float]:
     """The share of noisy repeats whose interval holds the truth."""
-    (values, errors), cold = timed(lambda: found.bootstrap(repeats, seed=1))
-    _, warm = timed(lambda: found.bootstrap(repeats, seed=2))
+    (values, errors), cold = timed(lambda: bootstrap(found, repeats, seed=1))
+    _, warm = timed(lambda: bootstrap(found, repeats, seed=2))
     line(f"{repeats} fits in one batch", f"{1e3 * warm / repeats:9.2f} ms a fit", f"first call {cold:.1f} s")
     shares = []
     for path, truth in HIDDEN.items():

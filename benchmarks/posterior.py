@@ -16,7 +16,7 @@ import numpy as np
 from blackjax.diagnostics import effective_sample_size
 from timing import line, machine, options, timed
 
-from cosserat_jax import Calibration, fit, load_scene, replace, solve
+from cosserat_jax import Calibration, fit, load_scene, log_density, replace, solve
 
 CLAIM = """\
 Claim: at 0.05 mm mean and spread of the samples agree with the fit's values and standard errors to within 10 % of the
@@ -42,10 +42,10 @@ def fitted(sigma: float) -> Calibration:
 def sampled(found: Calibration, warmup: int, count: int) -> jax.Array:
     """The free parameters' values in `count` samples of every chain, the chains side by side, after `warmup` steps of
     one that tune the sampler; of shape (chains, count, params)."""
-    adapt = blackjax.window_adaptation(blackjax.nuts, found.log_density)
+    adapt = blackjax.window_adaptation(blackjax.nuts, log_density(found))
     tuning, sampling = jax.random.split(jax.random.key(0))
     (state, tuned), _ = adapt.run(tuning, found.minimum.u, num_steps=warmup)
-    step = blackjax.nuts(found.log_density, **tuned).step
+    step = blackjax.nuts(log_density(found), **tuned).step
 
     def chain(key: jax.Array) -> jax.Array:
         keys = jax.random.split(key, count)

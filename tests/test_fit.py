@@ -17,7 +17,18 @@ from conversion import plain
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from cosserat_jax import InputError, Pulses, fit, load_scene, read_measurements, replace, solve, tcam_response
+from cosserat_jax import (
+    InputError,
+    Pulses,
+    bootstrap,
+    fit,
+    load_scene,
+    log_density,
+    read_measurements,
+    replace,
+    solve,
+    tcam_response,
+)
 from cosserat_jax.solver import SingleShooting
 from cosserat_jax.study.calibration.diagnostics import doubts
 from cosserat_jax.study.calibration.forward_model import Model
@@ -56,6 +67,7 @@ def test_a_twin_gives_its_hidden_parameters_back(exact):
         assert exact.values[path] == pytest.approx(hidden, rel=1e-5)
     assert exact.values["arm.youngs_modulus"] == exact.fitted.arm.youngs_modulus
     assert exact.warnings == ()
+    assert "arm.youngs_modulus: 8.3e+06 +- " in repr(exact) and "<svg" in exact._repr_html_()  # noqa: PT018
 
 
 def test_standard_errors_are_those_of_scipy(exact, tips):
@@ -71,6 +83,24 @@ def test_standard_errors_are_those_of_scipy(exact, tips):
     jacobian = least_squares(misfits, np.ones(2), diff_step=1e-4, jac="3-point", max_nfev=1).jac
     errors = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * list(HIDDEN.values())
     np.testing.assert_allclose(list(exact.stderr.values()), errors, rtol=1e-3)
+
+
+def test_the_density_is_the_loss_and_the_slopes_of_the_transformation(exact):
+    density = log_density(exact)
+    start, other = exact.minimum.u, exact.minimum.u + 1e-3
+    loss = 0.5 * float(jax.numpy.sum(exact.problem.misfits(other, exact.problem.observed)[0] ** 2))
+    slopes = [np.sum(np.log(np.abs(exact.problem.unbounded.slopes(u)))) for u in (start, other)]
+    assert density(other) == pytest.approx(slopes[1] - loss, rel=1e-6)
+    assert density(start) == pytest.approx(slopes[0] - float(exact.minimum.loss), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_spread_of_a_bootstrap_is_the_standard_error(exact):
+    values, errors = bootstrap(exact, 60, seed=1)
+    for path in FREE:
+        assert values[path].shape == errors[path].shape == (60,)
+        assert np.std(values[path]) == pytest.approx(exact.stderr[path], rel=0.35)
+        assert np.mean(errors[path]) == pytest.approx(exact.stderr[path], rel=0.05)
 
 
 def test_outliers_are_told_by_chi_squared_and_a_robust_loss_finds_the_minimum_beside_them(tips):

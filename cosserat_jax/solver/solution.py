@@ -1,14 +1,21 @@
 """What a solve gives back."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
+from .display import centerlines, counted, described, fields_text, holds_numbers, notebook, shape_text, values_text
 from .outcome import Outcome
+
+if TYPE_CHECKING:
+    import xarray
+
+_POSE = {"x": "m", "y": "m", "theta": "rad"}
+_STRAINS = {"nu": "", "eta": "", "mu": "1/m", "beta": ""}
 
 
 class Pose(eqx.Module):
@@ -18,8 +25,9 @@ class Pose(eqx.Module):
     y: Float[Array, "..."]
     theta: Float[Array, "..."]
 
+    @described
     def __repr__(self) -> str:
-        return _with_units(self, {"x": "m", "y": "m", "theta": "rad"})
+        return f"Pose({fields_text(self, _POSE)})"
 
 
 class SectionStrains(eqx.Module):
@@ -30,8 +38,9 @@ class SectionStrains(eqx.Module):
     mu: Float[Array, "..."]
     beta: Float[Array, "..."]
 
+    @described
     def __repr__(self) -> str:
-        return _with_units(self, {"nu": "", "eta": "", "mu": "1/m", "beta": ""})
+        return f"SectionStrains({fields_text(self, _STRAINS)})"
 
 
 class Fields(eqx.Module):
@@ -92,16 +101,34 @@ class Solution(eqx.Module):
     failed_at: Float[Array, "..."]
     tensions: Float[Array, "... muscles"]
 
+    @described
     def __repr__(self) -> str:
-        if isinstance(self.outcome._value, Tracer) or jnp.ndim(self.outcome._value) > 0:
-            return f"Solution({jnp.shape(self.residual)} rods, tip {self.tip})"
-        tensions = f"\n  tensions {_values(self.tensions, 'N')}" if self.tensions.size else ""
-        return f"Solution: {self.message}\n  tip {self.tip}\n  tip strain {self.tip_strain}{tensions}"
+        shape = np.shape(self.residual)
+        if shape:
+            lines = [f"Solution of {shape_text(shape)} rods: {counted(self.outcome, Outcome)}"]
+        else:
+            lines = [f"Solution: {self.message}"]
+        lines += [f"  tip: {fields_text(self.tip, _POSE)}", f"  tip strain: {fields_text(self.tip_strain, _STRAINS)}"]
+        if np.size(self.tensions):
+            lines.append(f"  tensions: {values_text(self.tensions, 'N')}")
+        lines.append(f"  residual: {values_text(self.residual)}, iterations: {values_text(self.iterations)}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        if not holds_numbers(self):
+            return notebook(repr(self))
+        return notebook(repr(self), centerlines(self.fields.x, self.fields.y))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A dataset of all numbers with units and long names; axes of a batch are `batch`, or `batch_0` and so on."""
+        from .variables import solution_dataset
+
+        return solution_dataset(self)
 
     @property
     def message(self) -> str:
         """What came of one rod, in a sentence, and for one without solution at which part of the load and where."""
-        sentence = Outcome[self.outcome]
+        sentence = Outcome[jax.tree.map(np.asarray, self.outcome)]
         if bool(self.converged):
             return sentence
         place = "" if jnp.isnan(self.failed_at) else f", at s = {float(self.failed_at):.3g} m"
@@ -116,21 +143,3 @@ class Solution(eqx.Module):
     def tilt(self) -> Float[Array, "..."]:
         """alpha - theta at the tip [rad]: the angle from the cross-section's director a to the centerline's tangent."""
         return jnp.arctan2(self.tip_strain.eta, self.tip_strain.nu)
-
-
-def _with_units(part: Any, units: dict[str, str]) -> str:
-    """The fields of a part as "x 0.379133 m, y ..."."""
-    return ", ".join(f"{name} {_values(getattr(part, name), unit)}" for name, unit in units.items())
-
-
-def _values(values: Any, unit: str) -> str:
-    """Numbers with their unit; of many their range, of what JAX traces its kind."""
-    if isinstance(values, Tracer) or not eqx.is_array_like(values):
-        return str(values)
-    array = np.asarray(values)
-    if array.size <= 4:
-        text = " and ".join(f"{number:.6g}" for number in array.ravel())
-    else:
-        finite = array[np.isfinite(array)]
-        text = f"{finite.min():.6g} to {finite.max():.6g}" if finite.size else "nan"
-    return f"{text} {unit}".rstrip()

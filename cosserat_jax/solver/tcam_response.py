@@ -9,7 +9,7 @@ A voltage that is a Python function has no jumps to cut at. It is sampled on eac
 steps are at most two of their spacings, and a feature that only one or two of them see is not resolved.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -37,12 +37,17 @@ from ..physics.tcam import (
 )
 from ..scene import TCAM, AbstractVoltage, InputError, Sinusoid, VoltageFunction, validate_tcam
 from ..scene.quantity import as_floats, concrete
+from .display import counted, described, shape_text, values_text
 from .method import TimeStepping, error_norm
 from .outcome import ResponseOutcome
+
+if TYPE_CHECKING:
+    import xarray
 
 _SAMPLES = 128  # of a voltage function on each interval
 _ROUGH = 0.125  # change of v^2 between two samples, of its range on the interval, from which it counts as a jump
 _FLAT = 1e-9  # range of v^2 on an interval, of its largest there, that is rounding
+_PRINTED = {"voltage": "V", "temperature": "K", "force": "N", "tension": "N"}  # by a response
 _SAME_INSTANT = 1e-12  # of the last time: instants that differ by rounding
 
 
@@ -74,6 +79,24 @@ class Response(eqx.Module):
     peak: Peak
     outcome: ResponseOutcome
     steps: Int[Array, "..."]
+
+    @described
+    def __repr__(self) -> str:
+        shape = np.shape(self.steps)
+        if shape:
+            lines = [f"Response of {shape_text(shape)} muscles: {counted(self.outcome, ResponseOutcome)}"]
+        else:
+            lines = [f"Response: {ResponseOutcome[jax.tree.map(np.asarray, self.outcome)]}"]
+        lines.append(f"  times: {np.shape(self.times)[-1]}, {values_text(self.times, 's')}")
+        lines += [f"  {name}: {values_text(getattr(self, name), unit)}" for name, unit in _PRINTED.items()]
+        peak = f"{values_text(self.peak.temperature, 'K')} at {values_text(self.peak.time, 's')}"
+        return "\n".join([*lines, f"  peak: {peak}"])
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A dataset over `time` with units and long names; the axes of a batch are `batch`, or `batch_0` and so on."""
+        from .variables import response_dataset
+
+        return response_dataset(self)
 
 
 def tcam_response(

@@ -8,9 +8,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
+import xarray
 
 from ..scene import InputError, Scene, dumps
-from . import Outcome, Solution, outcome_codes
+from .outcome import Outcome, ResponseOutcome, outcome_codes
 
 Dims = tuple[str, ...]
 Variable = tuple[Dims, np.ndarray, dict[str, Any]]
@@ -51,8 +52,20 @@ _STATS = {
     "failed_at": ("m", "arc length at which the volume constraint folded or the integration stopped"),
 }
 
+# of a muscle; name: (unit, long name)
+_OVER_TIME = {
+    "voltage": ("V", "voltage on the muscle"),
+    "temperature": ("K", "temperature of the muscle"),
+    "contraction": ("m", "contraction of the muscle on its own, under its hanging mass"),
+    "contraction_rate": ("m/s", "rate of the contraction"),
+    "force": ("N", "what heat adds to the pull of the muscle held at its ambient length"),
+    "tension": ("N", "tension with which the muscle pulls the arm"),
+}
 
-def solution_variables(dims: Dims, solution: Solution) -> dict[str, Variable]:
+MUSCLE = "number of the muscle in the scene"
+
+
+def solution_variables(dims: Dims, solution: Any) -> dict[str, Variable]:
     """Every number of `solution`, whose leading axes are `dims`; the fields have an axis `s` after them.
 
     The tip's are `tip_x` and so on, the fields `x y theta nu eta mu beta N H M force_x force_y moment`; then `tilt`,
@@ -75,6 +88,60 @@ def solution_variables(dims: Dims, solution: Solution) -> dict[str, Variable]:
     return data
 
 
+def response_variables(dims: Dims, response: Any, prefix: str = "") -> dict[str, Variable]:
+    """Every number of `response`, whose leading axes are `dims`; those over time have an axis `time` after them.
+
+    Over time: `voltage temperature contraction contraction_rate force tension`; then `peak_temperature`,
+    `time_of_peak`, and with this prefix `outcome` with its flag meanings, and `steps`.
+    """
+    data = {
+        name: variable((*dims, "time"), getattr(response, name), unit, meaning)
+        for name, (unit, meaning) in _OVER_TIME.items()
+    }
+    meaning = "highest temperature of the muscle, between the times too"
+    data["peak_temperature"] = variable(dims, response.peak.temperature, "K", meaning)
+    data["time_of_peak"] = variable(dims, response.peak.time, "s", "time of the highest temperature")
+    data[f"{prefix}outcome"] = outcome_variable(dims, response.outcome, ResponseOutcome, "outcome of the response")
+    data[f"{prefix}steps"] = variable(dims, response.steps, "1", "steps of the integration in time")
+    return data
+
+
+def solution_dataset(solution: Any) -> xarray.Dataset:
+    """The dataset of a solution alone, which knows no scene: over the axes of its batch, and the fields along `s`, the
+    arc length, or s / L where the arms are not all of one length."""
+    dims = _batch_dims(np.shape(solution.residual))
+    ends = np.asarray(solution.fields.s)[..., -1]
+    lengths = ends[np.isfinite(ends)]
+    places = places_of(solution)
+    if lengths.size and np.ptp(lengths) <= 1e-12 * lengths.max():
+        along = variable(("s",), places * lengths.max(), "m", "undeformed arc length from the base")
+    else:
+        along = variable(("s",), places, "1", "undeformed arc length over the arm's")
+    coords, data = {"s": along}, solution_variables(dims, solution)
+    count = np.shape(solution.tensions)[-1]
+    if count:
+        coords["muscle"] = variable(("muscle",), range(count), "1", MUSCLE)
+        data["tension"] = variable((*dims, "muscle"), solution.tensions, "N", "tension of the muscle")
+    return xarray.Dataset(data, coords, provenance("equilibrium of a soft rod"))
+
+
+def response_dataset(response: Any) -> xarray.Dataset:
+    """The dataset of a response alone: over the axes of its batch and `time`, which in a batch is a variable if it is
+    not the same for all."""
+    dims, times = _batch_dims(np.shape(response.steps)), np.asarray(response.times)
+    rows = times.reshape(-1, times.shape[-1])
+    same = bool((rows == rows[0]).all())
+    over = variable(("time",), rows[0], "s", "time since the voltage begins")
+    data = response_variables(dims, response)
+    if not same:
+        data["times"] = variable((*dims, "time"), times, "s", "time since the voltage begins")
+    return xarray.Dataset(data, {"time": over} if same else {}, provenance("response of a TCAM"))
+
+
+def _batch_dims(shape: tuple[int, ...]) -> Dims:
+    return ("batch",) if len(shape) == 1 else tuple(f"batch_{i}" for i in range(len(shape)))
+
+
 def variable(dims: Dims, values: Any, unit: str, meaning: str) -> Variable:
     """A variable, or a coordinate, with its unit and long name."""
     return dims, np.asarray(values), {"units": unit, "long_name": meaning}
@@ -94,7 +161,7 @@ def arc_length(scene: Scene, places: np.ndarray) -> Variable:
     return variable(("s",), places * float(scene.arm.length), "m", "undeformed arc length from the base")
 
 
-def places_of(solution: Solution) -> np.ndarray:
+def places_of(solution: Any) -> np.ndarray:
     """The places s / L at which the fields are held, equally spaced or as a rod that has an equilibrium tells."""
     s = np.asarray(solution.fields.s)
     rods = s.reshape(-1, s.shape[-1])
@@ -104,12 +171,12 @@ def places_of(solution: Solution) -> np.ndarray:
     return held[0] / held[0, -1]
 
 
-def provenance(title: str, scene: Scene) -> dict[str, str]:
-    """The attributes of a dataset: what it is, of which scene, and by what it was made."""
+def provenance(title: str, scene: Scene | None = None) -> dict[str, str]:
+    """The attributes of a dataset: what it is, of which scene where that is known, and by what it was made."""
     packages = ("cosserat_jax", "jax", "diffrax", "numpy", "xarray")
     return {
         "title": title,
-        "scene": _scene_text(scene),
+        **({} if scene is None else {"scene": _scene_text(scene)}),
         "versions": json.dumps({name: version(name) for name in packages}),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "source": "Golestaneh, Cichella & Lamuta: quasi-static continuum model of an octopus-like arm driven by TCAMs",

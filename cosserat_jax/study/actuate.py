@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 
 from ..scene import TCAM, InputError, Scene
 from ..scene.quantity import as_floats
-from ..solver import Method, Response, Solution, TimeStepping, tcam_response
+from ..solver import Method, Outcome, Response, ResponseOutcome, Solution, TimeStepping, tcam_response
+from ..solver.display import counted, described, values_text
 from ..solver.solve import places_of
 from .batch import solve_rods
 
@@ -31,6 +32,17 @@ class Actuation(eqx.Module):
     times: Float[Array, " times"]
     responses: dict[int, Response]
     solution: Solution
+
+    def _text(self) -> str:
+        times = f"{np.shape(self.times)[-1]} instants, {values_text(self.times, 's')}"
+        lines = [f"Actuation at {times}: {counted(self.solution.outcome, Outcome)}"]
+        for i, response in self.responses.items():
+            hottest = f"peak {values_text(response.peak.temperature, 'K')} at {values_text(response.peak.time, 's')}"
+            came = counted(response.outcome, ResponseOutcome).removeprefix("1 ")
+            lines.append(f"  muscles.{i}: {came}, {hottest}, tension {values_text(response.tension, 'N')}")
+        return "\n".join([*lines, f"  tip: {self.solution.tip}"])
+
+    __repr__ = described(_text, ("times", "responses", "solution"))
 
     def tcam(self, i: int) -> TCAM:
         """The TCAM of the driven muscle `i`."""

@@ -8,28 +8,17 @@ import numpy as np
 import xarray
 
 from ..scene import Scene, unit_of
-from ..solver import Method, Response, ResponseOutcome, Solution
+from ..solver import Method, Response, Solution
 from ..solver.variables import (
+    MUSCLE,
     Variable,
     arc_length,
-    outcome_variable,
     places_of,
     provenance,
+    response_variables,
     solution_variables,
     variable,
 )
-
-# of a muscle; name: (unit, long name)
-_OVER_TIME = {
-    "voltage": ("V", "voltage on the muscle"),
-    "temperature": ("K", "temperature of the muscle"),
-    "contraction": ("m", "contraction of the muscle on its own, under its hanging mass"),
-    "contraction_rate": ("m/s", "rate of the contraction"),
-    "force": ("N", "what heat adds to the pull of the muscle held at its ambient length"),
-    "tension": ("N", "tension with which the muscle pulls the arm"),
-}
-
-_MUSCLE = "number of the muscle in the scene"
 
 
 def sweep_dataset(scene: Scene, over: dict[str, np.ndarray], method: Method, solution: Solution) -> xarray.Dataset:
@@ -43,7 +32,7 @@ def sweep_dataset(scene: Scene, over: dict[str, np.ndarray], method: Method, sol
     coords["s"] = _swept_arc_length(scene, over, solution)
     data = solution_variables(dims, solution)
     if scene.muscles:
-        coords["muscle"] = variable(("muscle",), range(len(scene.muscles)), "1", _MUSCLE)
+        coords["muscle"] = variable(("muscle",), range(len(scene.muscles)), "1", MUSCLE)
         meaning = "tension of the muscle, given or found from its displacement"
         data["tension"] = variable((*dims, "muscle"), solution.tensions, "N", meaning)
     attributes = provenance("equilibria of a soft rod", scene) | {"method": repr(method)}
@@ -61,7 +50,7 @@ def actuation_dataset(
     """
     coords = {
         "time": variable(("time",), times, "s", "time since the voltage begins"),
-        "muscle": variable(("muscle",), list(responses), "1", _MUSCLE),
+        "muscle": variable(("muscle",), list(responses), "1", MUSCLE),
         "s": arc_length(scene, places_of(solution)),
     }
     data = _muscle_variables(scene, responses) | solution_variables(("time",), solution)
@@ -72,17 +61,9 @@ def _muscle_variables(scene: Scene, by_muscle: Mapping[int, Response]) -> dict[s
     responses: Any = jax.tree.map(lambda *leaves: np.stack(leaves), *by_muscle.values())
     tcams = [tcam for i in by_muscle if (tcam := scene.muscles[i].tcam) is not None]
     limits = [float(tcam.limit_temperature) for tcam in tcams]
-    data = {
-        name: variable(("muscle", "time"), getattr(responses, name), unit, meaning)
-        for name, (unit, meaning) in _OVER_TIME.items()
-    }
-    dims, peak = ("muscle",), responses.peak
-    meaning = "highest temperature of the muscle, between the times too"
-    data["peak_temperature"] = variable(dims, peak.temperature, "K", meaning)
-    data["time_of_peak"] = variable(dims, peak.time, "s", "time of the highest temperature")
-    data["limit_temperature"] = variable(dims, limits, "K", "temperature beyond which the muscle may fail")
-    data["muscle_outcome"] = outcome_variable(dims, responses.outcome, ResponseOutcome, "outcome of the response")
-    data["muscle_steps"] = variable(dims, responses.steps, "1", "steps of the integration in time")
+    data = response_variables(("muscle",), responses, "muscle_")
+    meaning = "temperature beyond which the muscle may fail"
+    data["limit_temperature"] = variable(("muscle",), limits, "K", meaning)
     return data
 
 

@@ -14,9 +14,10 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from ..scene import InputError, Scene, dumps, replace, sweep_values
+from ..scene import InputError, Scene, dumps, replace, sweep_values, unit_of
 from ..scene.parts import Notes
-from ..solver import Automatic, Method, Solution
+from ..solver import Automatic, Method, Outcome, Solution
+from ..solver.display import centerlines, counted, described, holds_numbers, notebook, shape_text, values_text
 from ..solver.solve import places_of
 from .batch import solve_rods
 from .checkpoint import Checkpoint
@@ -37,6 +38,21 @@ class Sweep:
     over: dict[str, np.ndarray]
     method: Method
     solution: Solution
+
+    def _text(self) -> str:
+        lines = [
+            f"Sweep of {shape_text(np.shape(self.solution.residual))} rods: {counted(self.solution.outcome, Outcome)}"
+        ]
+        for path, values in self.over.items():
+            lines.append(f"  {path}: {len(values)} values, {values_text(values, unit_of(self.scene, path))}")
+        return "\n".join([*lines, f"  tip: {self.solution.tip}"])
+
+    __repr__ = described(_text, ("over", "solution"))
+
+    def _repr_html_(self) -> str:
+        if not holds_numbers(self.solution):
+            return notebook(repr(self))
+        return notebook(repr(self), centerlines(self.solution.fields.x, self.solution.fields.y))
 
     def to_xarray(self) -> "xarray.Dataset":
         """A dataset with one dimension per swept path, named by it, and units and long names on every variable."""

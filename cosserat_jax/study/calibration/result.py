@@ -7,11 +7,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ...scene import Scene, replace
+from ...scene import Scene, replace, unit_of
+from ...solver.display import data_against_model, described, holds_numbers, notebook
 from .measurements import Measurements
-from .optimizer import Minimum, loss_at, minimise
+from .optimizer import Minimum
 from .residuals import Problem
 from .uncertainty import Uncertainty, not_told_apart, uncertainty
 
@@ -45,6 +46,33 @@ class Calibration:
     solver: Any
     max_steps: int
     noted: tuple[str, ...] = ()
+
+    def _text(self) -> str:
+        lines = [f"Calibration: {self.message}"]
+        for path, value in self.values.items():
+            number = f"{value:.6g} +- {self.stderr[path]:.2g} {unit_of(self.scene, path)}".removesuffix(" 1")
+            lines.append(f"  {path}: {number}")
+        lines += [f"  rms residual of {name}: {rms:.3g} {self.units[name]}" for name, rms in self.rms.items()]
+        return "\n".join(lines + [f"  warning: {line}" for line in self.warnings])
+
+    __repr__ = described(_text, ("searches",))
+
+    def _repr_html_(self) -> str:
+        if not holds_numbers(self.searches):
+            return notebook(repr(self))
+        columns: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+        for table, said in zip(self.measured, self.predicted, strict=True):
+            for one, measured, predicted in zip(table.observables, table.values.T, said.T, strict=True):
+                columns.setdefault(one.name, []).append((measured, predicted))
+        panels = [
+            (
+                f"{name} [{self.units[name]}]",
+                np.concatenate([part[0] for part in parts]),
+                np.concatenate([part[1] for part in parts]),
+            )
+            for name, parts in columns.items()
+        ]
+        return notebook(f"{self!r}\n  predicted (up) against measured:", data_against_model(panels))
 
     @cached_property
     def minimum(self) -> Minimum:
@@ -276,36 +304,6 @@ class Calibration:
                 return f"{table.observables[column].name} in row {row} of {table.name}"
             i -= table.values.size
         raise AssertionError("every measurement is in a table")
-
-    def bootstrap(self, repeats: int = 200, seed: int = 0) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Values and standard errors of `repeats` fits, in one batch, to data drawn anew: what the fitted scene says,
-        and Gaussian noise. Arrays of shape (repeats,), by path.
-
-        The spread of the values holds what the standard errors of a Jacobian leave out (parametric bootstrap, Efron).
-        """
-        noise = np.random.default_rng(seed).normal(size=(repeats, self.problem.observed.size)) * self.noise
-        values = np.asarray(self.minimum.predicted) + noise * np.asarray(self.problem.sigma)
-        values = np.where(np.isnan(self.problem.observed), np.nan, values)
-        found = minimise(
-            self.problem, jnp.asarray(values), jnp.tile(self.minimum.u, (repeats, 1)), self.solver, self.max_steps
-        )
-        unbounded = self.problem.unbounded
-        jacobians = found.jacobian / jax.vmap(unbounded.slopes)(found.u)[:, None]
-        errors = jax.vmap(lambda j, r: uncertainty(j, r, self.taken, self.sigma_known).stderr)(jacobians, found.misfits)
-        drawn = jax.vmap(unbounded.array)(found.u)
-        by_path = [dict(zip(self.paths, np.asarray(part).T, strict=True)) for part in (drawn, errors)]
-        return by_path[0], by_path[1]
-
-    def log_density(self, u: Float[Array, " params"]) -> Float[Array, ""]:
-        """Logarithm of the posterior density of the unbounded parameters u, up to a constant, for a sampler,
-
-            -loss / noise^2 + sum log |d value / d u|
-
-        with a prior that is flat in the values, between their bounds. Start it at `minimum.u`; a sample's values are
-        `problem.unbounded.array(u)`.
-        """
-        loss = loss_at(self.problem, u, self.problem.observed)
-        return -loss / self.noise**2 + jnp.sum(jnp.log(jnp.abs(self.problem.unbounded.slopes(u))))
 
     @property
     def _inside(self) -> list[int]:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...scene import Scene
 from ...solver import Solution
+from ...solver.display import centerlines, counted, described, holds_numbers, notebook, shape_text, values_text
 from ..free_parameters import Free
 from .controls import steady_with
 from .workspace import Workspace
@@ -71,6 +72,25 @@ class Reach:
     iterations: Int[np.ndarray, "..."]
     starts: Int[np.ndarray, "..."]
     workspace: Workspace
+
+    def _text(self) -> str:
+        shape = np.shape(self.distance)
+        if shape:
+            lines = [f"Reach of {shape_text(shape)} targets: {counted(self.outcome, ReachOutcome)}"]
+        else:
+            lines = [f"Reach: {self.message}"]
+        x, y = (values_text(np.asarray(self.target)[..., i], "m") for i in range(2))
+        lines.append(f"  target at s={values_text(self.at, 'm')}: x={x}, y={y}")
+        lines += [f"  {one.path}: {values_text(self.values[one.path], one.unit)}" for one in self.free]
+        lines.append(f"  distance: {values_text(self.distance, 'm')}")
+        return "\n".join([*lines, f"  tip: {self.solution.tip}"])
+
+    __repr__ = described(_text, ("at", "target", "values", "solution", "outcome", "distance"))
+
+    def _repr_html_(self) -> str:
+        if not holds_numbers((self.solution, self.target)):
+            return notebook(repr(self))
+        return notebook(repr(self), centerlines(self.solution.fields.x, self.solution.fields.y, self.target))
 
     @property
     def first(self) -> "Reach":

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 from ...scene import InputError, Scene, replace
 from ...scene.quantity import as_floats
 from ...solver import Method, Solution, solve
+from ...solver.display import described, values_text
 from ...solver.method import methods_of
 from ...solver.solve import places_of
 from ..free_parameters import Free
@@ -39,6 +40,16 @@ class Workspace:
     values: dict[str, Float[np.ndarray, " rods"]]
     shape: tuple[int, ...] | None
     points: Float[np.ndarray, "rods at 2"]
+
+    def _text(self) -> str:
+        lost = f", {np.sum(~self.converged)} without equilibrium" if not self.converged.all() else ""
+        lines = [f"Workspace of {self.converged.size} rods: {np.sum(self.converged)} converged{lost}"]
+        for one in self.free:
+            lines.append(f"  {one.path}: {values_text(self.values[one.path], one.unit)}")
+        x, y = (values_text(self.points[..., i], "m") for i in range(2))
+        return "\n".join([*lines, f"  points at s={values_text(self.at, 'm')}: x={x}, y={y}"])
+
+    __repr__ = described(_text, ("at", "values", "points"))
 
     @property
     def converged(self) -> Bool[np.ndarray, " rods"]:
