@@ -193,15 +193,16 @@ def test_moduli_can_be_swept():
 
 
 def test_results_print_numbers_with_units():
-    assert str(Pose(np.array(0.25), np.array(-0.1), np.array(1.0))) == "x 0.25 m, y -0.1 m, theta 1 rad"
-    assert str(SectionStrains(*np.array([0.98, 0.0, 7.5, 1.1]))) == "nu 0.98, eta 0, mu 7.5 1/m, beta 1.1"
+    assert str(Pose(np.array(0.25), np.array(-0.1), np.array(1.0))) == "Pose(x=0.25 m, y=-0.1 m, theta=1 rad)"
+    strains = SectionStrains(*np.array([0.98, 0.0, 7.5, 1.1]))
+    assert str(strains) == "SectionStrains(nu=0.98, eta=0, mu=7.5 1/m, beta=1.1)"
     batch = Pose(np.linspace(0, 1, 6), np.array([np.nan, 1, 2, 3, 4, 5]), np.full(6, np.nan))
-    assert str(batch) == "x 0 to 1 m, y 1 to 5 m, theta nan rad"
+    assert str(batch) == "Pose(x=0 to 1 m, y=1 to 5 m, theta=nan rad)"
     solution = eqx.tree_at(lambda solution: solution.outcome, empty_solution(), Outcome.converged)
     assert str(solution).splitlines()[:2] == [
-        "Solution: converged to the equilibrium that proportional loading reaches", "  tip x 0 m, y 0 m, theta 0 rad",
+        "Solution: converged to the equilibrium that proportional loading reaches", "  tip: x=0 m, y=0 m, theta=0 rad",
     ]  # fmt: skip
-    assert str(jax.eval_shape(lambda x: Pose(x, x, x), 1.0)).startswith("x ")
+    assert str(jax.eval_shape(lambda x: Pose(x, x, x), 1.0)).startswith("Pose{")
 
 
 def test_single_precision_is_refused():
