@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,8 +113,6 @@ def _shown(progress: bool, batches: Iterable) -> Iterable:
 
 def _identity(scene: Scene, grid: dict[str, np.ndarray], method: Method, points: Any, size: int) -> dict[str, str]:
     """What a kept batch must have been solved for: the same scene, grid, method and batch, by the same versions."""
-    from importlib.metadata import version
-
     return {
         "scene": dumps(dataclasses.replace(scene, notes=Notes())),
         "grid": json.dumps({path: values.tolist() for path, values in grid.items()}),
