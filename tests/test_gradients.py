@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cosserat_jax import (
     Gravity,
@@ -104,8 +106,66 @@ def test_gradient_is_finite_at_the_straight_unloaded_arm():
     assert gradient["arm.youngs_modulus"] == pytest.approx(np.zeros(3), abs=1e-15)
 
 
+COINCIDENCES = {  # values at which two things fall together, or one is absent, beside others
+    "arm.tip_radius": [0.004, OCTOPUS.arm.base_radius],
+    "arm.poisson_ratio": [0.45, 0.5, 0.0],
+    "arm.base_angle": [0.1, 0.0, np.pi / 2, -np.pi],
+    "muscles.0.tension": [9.0, 0.0],
+    "muscles.0.base_offset": [0.004, 0.0],
+    "muscles.0.end_offset": [0.004, 0.0],
+    "muscles.0.end": [0.2, OCTOPUS.arm.length],
+    "muscles.1.tension": [6.0, 0.0, 9.0],
+    "muscles.1.base_offset": [0.004, 0.0],
+    "muscles.1.end_offset": [0.004, 0.0],
+    "water.velocity": [0.2, 0.0],
+    "water.velocity_gradient": [0.3, 0.0],
+    "water.viscosity": [0.001, 0.0],
+    "water.inlet_fraction": [0.8, 0.0, 1.0],
+    "water.density": [998.0, OCTOPUS.arm.density],
+    "gravity.acceleration": [9.81, 0.0],
+    "tip.force.0": [0.05, 0.0],
+    "tip.force.1": [-0.1, 0.0],
+    "tip.moment": [0.002, 0.0],
+}
+AT_MOST = {"arm.poisson_ratio": 0.5, "water.inlet_fraction": 1.0, "muscles.0.end": OCTOPUS.arm.length}
+FORWARD_FIFTH = np.array([-25, 48, -36, 16, -3]) / 12  # first derivative from five values, at and ahead of a place
+
+
+@settings(max_examples=40, derandomize=True, deadline=None)
+@given(st.tuples(*(st.sampled_from(values) for values in COINCIDENCES.values())), st.integers(0, 2**32))
+def test_derivatives_hold_where_ends_loads_and_radii_coincide_or_vanish(values: tuple, seed: int):
+    """Along a direction that leaves the coincidence, into what is allowed."""
+    at = dict(zip(COINCIDENCES, values, strict=True))
+    scene = replace(FULL, at)
+    rng = np.random.default_rng(seed)
+    scales = {path: max(abs(value) for value in COINCIDENCES[path]) for path in at}
+    direction = {
+        path: scale * rng.uniform(0.1, 1) * (1 - 2 * (at[path] == AT_MOST.get(path))) for path, scale in scales.items()
+    }
+    gradient = parameters(REVERSE(as_arrays(scene)))
+    assert all(np.isfinite(column).all() for column in gradient.values())
+    slope = sum(gradient[path] * change for path, change in direction.items())
+    step = 2e-4
+    moved = [{path: at[path] + k * step * change for path, change in direction.items()} for k in range(5)]
+    difference = FORWARD_FIFTH @ [tip_of(replace(FULL, ahead)) for ahead in moved] / step
+    np.testing.assert_allclose(slope, difference, rtol=0, atol=1e-5 * np.abs(slope).max() + 1e-8)
+
+
 def pull_to_height(tension: jax.Array, method: Method = METHOD) -> jax.Array:
     return solve(replace(load_scene("elastica"), {"tip.force.1": tension}), method, points=3, throw=False).tip.y
+
+
+def test_a_unit_tendon_bends_an_inextensible_arm_as_a_stiff_one():
+    """And there too no number that is not finite comes out of an infinite stiffness."""
+    elastica = load_scene("elastica")
+    rod = Scene(
+        elastica.arm, (Muscle(base_offset=0.01, end_offset=0.0, tension=10.0, tangent="unit"),), tip=elastica.tip
+    )
+    stiff = replace(rod, {"arm.stiffness.axial": 1e12, "arm.stiffness.shear": 1e12})
+    np.testing.assert_allclose(tip_of(rod), tip_of(stiff), rtol=0, atol=1e-9)
+    by_rod, by_stiff = (parameters(jax.jit(jax.jacrev(tip_of))(as_arrays(scene))) for scene in (rod, stiff))
+    for path, column in by_rod.items():
+        np.testing.assert_allclose(column, by_stiff[path], rtol=1e-6, atol=1e-8, err_msg=path)
 
 
 @pytest.mark.slow

@@ -72,6 +72,19 @@ def test_parallel_tendon_in_closed_form(displacement: float):
     assert abs(bend) == pytest.approx(length * offset * tension / stiffness.bending, rel=1e-10)
 
 
+@pytest.mark.parametrize("part", [0.3, 1.001, 1.5, 10.0])
+def test_a_tendon_shortened_to_nothing_has_an_outcome_of_its_own(part: float):
+    """The same arm: no length is left of the tendon at T (1 / (E A) + r^2 / (E I)) = 1."""
+    scene = dataclasses.replace(load_scene("tendon-robot"), gravity=None)
+    stiffness, length, offset = scene.arm.stiffness, scene.arm.length, scene.muscles[0].base_offset
+    tension = 1 / (1 / stiffness.axial + offset**2 / stiffness.bending)
+    for path, most in (("muscles.0.tension", tension), ("muscles.0.contraction", length)):
+        solution = solve(replace(scene, {path: part * most}), METHOD, points=3, throw=False)
+        expected = Outcome.converged if part < 1 else Outcome.tendon_length_zero
+        assert Outcome[solution.outcome] == Outcome[expected]
+        assert float(solution.load_fraction) == pytest.approx(min(1, 1 / part), rel=1e-3)
+
+
 @pytest.mark.slow
 def test_sweep_over_displacement_is_each_solve_and_tensions_are_in_its_dataset():
     """Paid out, the muscle is slack, and the arm that of no tension; at its length at rest it holds the arm up; the

@@ -457,6 +457,24 @@ def _at(on: np.ndarray, off: np.ndarray, t: float) -> float:
     return sum(heated(t, *pulse) for pulse in zip(on, off, strict=True))
 
 
+@pytest.mark.parametrize("mounting", ["hanging", "isometric"])
+def test_two_moduli_at_which_the_formula_divides_by_zero_make_no_coil(mounting):
+    """B = C where axial_modulus = 2 shear_modulus."""
+    tcam = TCAM(axial_modulus=2e9, shear_modulus=1e9, voltage=Step(9.0), mounting=mounting)
+    response = tcam_response(tcam, [4.0], QUICK)
+    assert ResponseOutcome[response.outcome] == ResponseOutcome[ResponseOutcome.no_coil]
+
+
+def test_a_sinusoid_of_no_frequency_has_the_derivatives_of_a_slow_one():
+    def warm(amplitude, frequency, phase):
+        tcam = TCAM(voltage=Sinusoid(amplitude, frequency, phase), mounting="isometric")
+        return tcam_response(tcam, [2.0, 2.0, 4.0], QUICK).temperature[-1]
+
+    by = jax.jit(jax.grad(warm, argnums=(0, 1, 2)))
+    np.testing.assert_allclose(by(9.0, 0.0, 0.3), by(9.0, 1e-9, 0.3), rtol=1e-7)
+    np.testing.assert_allclose(by(0.0, 0.0, 0.3), 0.0, atol=1e-12)
+
+
 def test_a_step_at_zero_has_the_derivative_of_one_that_starts_later():
     of = lambda start: tcam_response(TCAM(voltage=Step(9.0, start)), [4.0], QUICK).temperature[0]  # noqa: E731
     assert jax.grad(of)(0.0) == pytest.approx(-POWER * np.exp(-RATE * 4), rel=1e-8)

@@ -1,6 +1,7 @@
 """What the commands share: options, scenes as the command's words change them, places of outputs, lines on stderr."""
 
 import contextlib
+import logging
 import sys
 import threading
 import warnings
@@ -72,17 +73,28 @@ class WithFree(Command):
 
 @contextlib.contextmanager
 def word_if_slow() -> Iterator[None]:
-    """Says on a terminal what takes so long, once it does."""
+    """Says on a terminal what takes so long, once it does, and where the solver turns to a harder method."""
     word = threading.Timer(
         _SLOW, say, ["compiling, which the next run of a scene of this kind need not, or solving ..."]
     )
     word.daemon = True
+    log, said = logging.getLogger("cosserat_jax"), _Said()
     if sys.stderr.isatty():
         word.start()
+        log.addHandler(said)
+        log.setLevel(logging.INFO)
     try:
         yield
     finally:
         word.cancel()
+        log.removeHandler(said)
+
+
+class _Said(logging.Handler):
+    """What the package logs, each in one line on stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
 
 
 class Stopped(click.ClickException):

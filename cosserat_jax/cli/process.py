@@ -1,10 +1,14 @@
 """What the command line sets for its whole process before JAX is imported: a library must not, the user's own stays."""
 
 import atexit
+import contextlib
 import gc
 import os
 import shutil
+import signal
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 # XLA compiles a while loop that carries up to so many bytes without a task for each operation in it. It ignores the
@@ -12,6 +16,7 @@ from pathlib import Path
 # time of derivatives: jaxlib 0.10.2 ends the process where it compiles those of the fields.
 _XLA_OPTIONS = "xla_cpu_small_while_loop_byte_threshold=1000000"
 _LARGEST_CACHE = 2**30  # bytes
+_PATIENCE = 2.0  # seconds after Ctrl-C
 
 
 def prepare(cached: bool) -> None:
@@ -46,3 +51,30 @@ def _cache_folder() -> Path | None:
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK | os.X_OK) else None
+
+
+@contextlib.contextmanager
+def stoppable() -> Iterator[None]:
+    """Has Ctrl-C end the process within two seconds. While XLA compiles or computes, Python's own handler waits for it
+    to end; so the C-level one writes to a pipe, at whose other end a thread stands."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+    over = threading.Event()
+
+    def watch() -> None:
+        while number := os.read(read, 1):
+            if number[0] == signal.SIGINT and not over.wait(_PATIENCE):
+                os.write(
+                    2,
+                    b"\n" * os.isatty(2) + b"cosserat-jax: stopped; a sweep with --out continues with --resume\n",
+                )
+                os._exit(130)
+
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+        signal.set_wakeup_fd(before)
+        os.close(write)

@@ -3,6 +3,7 @@
 Exit status: 0; 1 if a rod has no solution; 2 for bad input, with one line on stderr; 130 if stopped from the keyboard.
 """
 
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from ..errors import InputError, OutputError, nearest
 from .actuate import actuate_command
 from .common import Command, Stopped, no_cache_option, say
 from .fit import fit_command
+from .process import stoppable
 from .reach import reach_command
 from .solve import solve_command
 from .sweep import sweep_command
@@ -39,7 +41,8 @@ class _Commands(click.Group):
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command, `argv` or the shell's words after `cosserat-jax`, and returns its exit status."""
     try:
-        return _commands.main(argv, prog_name="cosserat-jax", standalone_mode=False) or 0
+        with stoppable() if argv is None else contextlib.nullcontext():
+            return _commands.main(argv, prog_name="cosserat-jax", standalone_mode=False) or 0
     except Stopped as stop:
         if sys.stderr.isatty():
             click.echo(err=True)  # ends the line of the progress bar or of ^C

@@ -129,7 +129,7 @@ def resting_state(tcam: TCAM) -> TCAMState:
     if tcam.mounting == "isometric":
         return TCAMState(0.0, 0.0, 0.0)
     stretch = (hanging_weight(tcam) - coiling_weight(tcam)) / spring_coefficient(tcam, 0.0)
-    return TCAMState(0.0, -stretch, 0.0)
+    return TCAMState(0.0, jnp.where(jnp.isfinite(stretch), -stretch, 0.0), 0.0)  # not finite where there is no coil
 
 
 def state_rate(tcam: TCAM, voltage: Scalar, state: TCAMState) -> TCAMState:

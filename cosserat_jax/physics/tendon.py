@@ -29,6 +29,8 @@ from ..scene import Arm, Muscle
 from ..scene.quantity import Scalar
 from .loads import DeformedSection
 
+_BRINK = 1e-3  # of a tendon's length, left where the load is given up
+
 
 class Tendon(eqx.Module):
     """A muscle as the solver sees it: tension [N], signed offset from the centerline, y = offset + slope s [m], its end
@@ -93,3 +95,9 @@ def length_error(
     too_long, pulls = (shortening - displacement) / lever, tension / unit_tension
     is_taut = jnp.asarray(too_long <= pulls)  # where they are equal a derivative is that of the taut side
     return jnp.where(is_taut, too_long, pulls), is_taut
+
+
+def is_wound_in_whole(tendon: Tendon, arm_length: Scalar) -> Bool[Array, "..."]:
+    """Whether a tendon of given displacement would have no length left, or hardly any."""
+    length = jnp.sqrt(1 + tendon.slope**2) * (arm_length if tendon.end is None else tendon.end)
+    return jnp.asarray(tendon.displacement) > (1 - _BRINK) * length

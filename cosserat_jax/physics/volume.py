@@ -44,6 +44,7 @@ from .tendon import Pull, tangent
 _MOST_FELT = 0.5  # the largest |d(rates)/d(beta_s)| that is believed: in the last digits it is noise
 _EVALUATIONS = 3  # of the loads in the search for beta_s
 _ROOT_STEP = 0.25  # the longest step of Newton towards beta
+_NO_LENGTH = 1e-6  # |t_c|, from which a tendon counts as one of zero length
 
 
 class SectionLoad(NamedTuple):
@@ -329,17 +330,38 @@ def _strains(
 
 
 def _unbalance(strains: tuple[Array, ...], params: Any) -> tuple[Array, Array, Array]:
-    """Force along a and b and moment that the strains leave unbalanced."""
+    """Force along a and b and moment that the strains leave unbalanced; of a linear law the strains that they are off,
+    so that an infinite stiffness is allowed."""
     law, place, load, beta, beta_s = params
     nu, eta, mu = strains
-    axial, shear, moment = law.resultants(ReferenceSection(place.s, place.radius, beta), nu, eta, mu)
+    axial, shear, moment = load
     for pull in place.pulls:
         along, across = tangent(pull, nu, eta, mu, beta, beta_s)
         tension = pull.tension / jnp.sqrt(along**2 + across**2) if pull.unit else pull.tension
-        axial += tension * along
-        shear += tension * across
-        moment -= tension * pull.offset * beta * along
-    return axial - load.axial, shear - load.shear, moment - load.moment
+        axial -= tension * along
+        shear -= tension * across
+        moment += tension * pull.offset * beta * along
+    section = ReferenceSection(place.s, place.radius, beta)
+    if isinstance(law, AbstractLinearLaw):
+        stiffness = law.stiffness(section)
+        return nu - 1 - axial / stiffness.axial, eta - shear / stiffness.shear, mu - moment / stiffness.bending
+    carried = law.resultants(section, nu, eta, mu)
+    return carried[0] - axial, carried[1] - shear, carried[2] - moment
+
+
+def is_tendon_lost(law: AbstractSectionLaw, place: Place, load: SectionLoad, section: Any, pull: Pull) -> Array:
+    """Whether t_c of a tendon that pulls along its unit tangent is zero at a section, or turns around in the next step
+    of Newton's method: beyond zero length no strains balance the section, and Newton's method goes to and fro."""
+    nu, eta, mu = jnp.broadcast_arrays(section.nu, section.eta, section.mu)
+    params = (law, place, load, section.beta, section.beta_s)
+    unbalance, matrix = newton.jacobian(lambda strains: _unbalance(strains, params), (nu, eta, mu))
+    step = newton.solve(matrix, -jnp.stack(jnp.broadcast_arrays(*unbalance)))
+    along, across = tangent(pull, nu, eta, mu, section.beta, section.beta_s)
+    nu, eta, mu = nu + step[0], eta + step[1], mu + step[2]
+    next_along, next_across = tangent(pull, nu, eta, mu, section.beta, section.beta_s)
+    goes_on = along * next_along + across * next_across > 0
+    is_known = jnp.isfinite(load.axial + load.moment + along + across)
+    return is_known & (pull.tension > 0) & ~(goes_on & (along**2 + across**2 > _NO_LENGTH**2))
 
 
 def _general(law: AbstractSectionLaw, place: Place, load: SectionLoad, beta: Scalar, loads: Loads) -> _Pieces:

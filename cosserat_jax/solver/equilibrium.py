@@ -52,13 +52,13 @@ class Equilibrium(batching.BatchFunction):
         s = arc_lengths(places, rod.length, batch)
         # the tip is looked at beside the points
         tip_s = jnp.broadcast_to(jnp.asarray(rod.length, float), s.shape[1:])[None]
-        values, margin, defect, base = along(rod, trajectory, found.change, jnp.concatenate([s, tip_s]), batch)
+        values, margin, defect, lost, base = along(rod, trajectory, found.change, jnp.concatenate([s, tip_s]), batch)
         fields, at_tip = values[:, :-1], values[:, -1]
         tip = at_tip[jnp.array([FIELDS.index(name) for name in TIP])]
         tensions = Unknowns.of(rod).tensions(rod, base.shortenings, (batch,))
 
         outcome, failed_at, condition = outcome_of(
-            rod, found.outcome, values[0], margin, defect, found.residual, found.error, error, found.jacobian
+            rod, found.outcome, values[0], margin, defect, lost, found.residual, found.error, error, found.jacobian
         )
         known = jnp.where(outcome == 0, 1.0, jnp.nan)
         root = jnp.concatenate([found.unknowns, jnp.broadcast_to(found.steps, (1, batch))])

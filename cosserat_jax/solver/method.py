@@ -62,6 +62,9 @@ class SingleShooting(eqx.Module):
         if self.coarse_steps < 3:
             raise ValueError(f"coarse_steps must be at least 3, but is {self.coarse_steps}")
 
+    def __str__(self) -> str:
+        return f"single shooting in {self.steps[0]} steps and more"
+
     @property
     def settings(self) -> Float[np.ndarray, " settings"]:
         """What is data to the compiled program."""
@@ -87,9 +90,12 @@ class MultipleShooting(eqx.Module):
     steps: int = eqx.field(static=True, default=8)
     error: float = eqx.field(static=True, default=1e-8)
     newton_tol: float = eqx.field(static=True, default=1e-6)
-    max_iterations: int = eqx.field(static=True, default=400)
+    max_iterations: int = eqx.field(static=True, default=150)
     min_load_step: float = eqx.field(static=True, default=1e-4)
     solver: diffrax.AbstractERK = diffrax.Dopri8()
+
+    def __str__(self) -> str:
+        return f"multiple shooting in {self.intervals} intervals"
 
 
 class Automatic(eqx.Module):

@@ -19,17 +19,17 @@ from jaxtyping import Array, Float
 from ..numerics.implicit_derivatives import Scalars, at_root, in_places
 from ..numerics.newton import batched_with
 from ..numerics.runge_kutta import dense_output
-from ..physics.rod import Rod, derivative
+from ..physics.rod import Rod, derivative, restarted
 from ..physics.segments import active_at
 from ..physics.volume import volume_defect
 from ..scene import Scene
 from ..scene.validate import is_allowed
 from . import continuation
 from .continuation import Correction, Stepping
-from .interval_system import Nodes, cut_anew, integrate_all, largest_error, linearized, mesh, pulled
+from .interval_system import Nodes, cut_anew, integrate_all, largest_error, linearized, mesh, pulled, state_of
 from .method import MultipleShooting, tableau_of
 from .outcome import Outcome, code_of
-from .outputs import FIELDS, TIP, Report, field_values, outcome_of, stacked
+from .outputs import FIELDS, TIP, Report, field_values, lost_tendon, outcome_of, stacked
 from .unknowns import Unknowns
 
 _SURE_ORDER = 6  # at which errors fall with the number of steps for sure
@@ -39,17 +39,18 @@ _SURE_ORDER = 6  # at which errors fall with the number of steps for sure
 def multiple_shooting(scene: Scene, places: Float[Array, " points"], method: MultipleShooting) -> Report:
     """The `Report` of one scene, with the derivatives of the implicit function theorem in forward mode."""
     leaves, tree = jax.tree.flatten(scene)
-    params = [*leaves, places]  # which are traced too, so that no function may close over them
-
-    def rod_of(params: Scalars) -> Rod:
-        return Rod.of(jax.tree.unflatten(tree, params[:-1])).at_load(1.0)
-
-    def at_nodes(nodes: Nodes, params: Scalars) -> tuple[Array, tuple]:
-        return _results(rod_of(params), nodes, method, params[-1])
-
     found, compliance = _find(lax.stop_gradient(scene), method)
     alive = found.outcome == code_of(Outcome.converged)
     nodes = jax.tree.map(lambda a, b: jnp.where(alive, a, b), found.unknowns, found.trial)
+    load = jnp.where(alive, 1.0, found.trial_load)
+    params = [*leaves, places, load]  # which are traced too, so that no function may close over them
+
+    def rod_of(params: Scalars) -> Rod:
+        return Rod.of(jax.tree.unflatten(tree, params[:-2])).at_load(params[-1])
+
+    def at_nodes(nodes: Nodes, params: Scalars) -> tuple[Array, tuple]:
+        return _results(rod_of(params), nodes, method, params[-2])
+
     total = ft.partial(total_rates, rod_of, method)
     fields, tip, tensions, margin, defect, error = at_root(at_nodes, total, nodes, params)
     held = lax.stop_gradient((rod_of(params), nodes))
@@ -60,7 +61,7 @@ def multiple_shooting(scene: Scene, places: Float[Array, " points"], method: Mul
     followed = jnp.where(redundant, code_of(Outcome.muscles_redundant), found.outcome)
     outcome, failed_at, condition = outcome_of(
         held[0], followed, fields[0][:, None], lax.stop_gradient(margin)[:, None], lax.stop_gradient(defect)[:, None],
-        error[None], estimate[None], method.error, found.jacobian[..., None],
+        _lost_tendon(*held), error[None], estimate[None], method.error, found.jacobian[..., None],
     )  # fmt: skip
     known = jnp.where(outcome[0] == 0, 1.0, jnp.nan)
     steps = jnp.asarray(method.steps * (len(nodes.states) - 1))
@@ -155,6 +156,17 @@ def _results(rod: Rod, nodes: Nodes, method: MultipleShooting, places: Array) ->
     margin = jnp.broadcast_to(margin, s.shape)
     tensions = layout.tensions(rod, shortenings, ())
     return error, (values[:, :-1], tip, tensions, margin[:-1], jnp.abs(defect)[:-1], error)
+
+
+def _lost_tendon(rod: Rod, nodes: Nodes) -> Array | None:
+    """`lost_tendon` at the nodes."""
+    rod = pulled(rod, nodes)
+    s, _ = mesh(rod, nodes.cuts)
+    active = active_at(rod.tendons, s)
+    state = restarted(rod, s, state_of(rod, nodes.states, s), active)
+    _, section, _ = derivative(rod, s, state, active)
+    lost = lost_tendon(rod, s, state, section, active)
+    return None if lost is None else lost[None]
 
 
 def _estimate(rod: Rod, nodes: Nodes, method: MultipleShooting) -> Array:

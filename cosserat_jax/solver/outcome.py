@@ -39,6 +39,10 @@ class Outcome(eqx.Enumeration):
         "the equilibrium could not be followed up to the full load, although no limit point is in sight; use "
         "MultipleShooting() with more intervals, or more steps"
     )
+    tendon_length_zero = (
+        "a tendon has shrunk to zero length at a cross-section, and cannot be shortened further; lower its tension or "
+        "contraction, stiffen the arm, or route it closer to the centerline"
+    )
 
 
 class ResponseOutcome(eqx.Enumeration):

@@ -1,5 +1,6 @@
 """What is computed from an integration: the fields along the arm and the numbers of the tip, as arrays."""
 
+import functools as ft
 from typing import Any, NamedTuple
 
 import jax
@@ -8,11 +9,12 @@ from jaxtyping import Array, Float
 
 from ..numerics import linear_systems
 from ..numerics.runge_kutta import Tableau
-from ..physics.rod import Rod, RodState, derivative, restarted
+from ..physics.loads import DeformedSection
+from ..physics.rod import Rod, RodState, derivative, place_at, restarted, section_load
 from ..physics.section_laws import ReferenceSection
 from ..physics.segments import active_at
-from ..physics.tendon import pull_at, tangent
-from ..physics.volume import volume_defect
+from ..physics.tendon import is_wound_in_whole, pull_at, tangent
+from ..physics.volume import is_tendon_lost, volume_defect
 from ..scene import Scene
 from .integrate import Trajectory, states_at
 from .outcome import Outcome, code_of
@@ -76,9 +78,9 @@ def tip_values(rod: Rod, unknowns: Unknowns, u: Array, base: Any, known: Any = N
 
 def along(
     rod: Rod, trajectory: Trajectory, change: Trajectory, s: Array, batch: int
-) -> tuple[Array, Array, Array, RodState]:
-    """The fields, [fields, points, batch], the margin and the defect of the volume constraint at arc lengths `s`; and
-    the state at the base.
+) -> tuple[Array, Array, Array, Array | None, RodState]:
+    """The fields, [fields, points, batch], the margin and the defect of the volume constraint at arc lengths `s`; where
+    a tendon is lost, see `lost_tendon`; and the state at the base.
 
     The integration is corrected by a small `change` of it, made on the coarse grid.
     """
@@ -86,13 +88,26 @@ def along(
     more, _ = states_at(rod, change, s, around=COARSE_AROUND)
     state, base = jax.tree.map(jnp.add, (state, trajectory.base), (more, change.base))
     s = s if s.ndim == 2 else s[:, None]
-    _, section, margin = derivative(rod, s, state, active_at(rod.tendons, s))
+    active = active_at(rod.tendons, s)
+    _, section, margin = derivative(rod, s, state, active)
     values = field_values(rod, base, s, state, section)
     shape = (len(s), batch)
+    lost = lost_tendon(rod, s, state, section, active)
+    lost = None if lost is None else jnp.broadcast_to(lost, shape[1:])
     if rod.is_rigid:
-        return stacked(values, shape), jnp.ones(shape), jnp.zeros(shape), base
+        return stacked(values, shape), jnp.ones(shape), jnp.zeros(shape), lost, base
     defect = jnp.abs(volume_defect(section.nu, section.mu, section.beta, section.surface))
-    return stacked(values, shape), jnp.broadcast_to(margin, shape), jnp.broadcast_to(defect, shape), base
+    return stacked(values, shape), jnp.broadcast_to(margin, shape), jnp.broadcast_to(defect, shape), lost, base
+
+
+def lost_tendon(rod: Rod, s: Array, state: RodState, section: DeformedSection, active: Any) -> Array | None:
+    """The first of the arc lengths `s`, [points, ...], at which a tendon has zero length, infinite if there is none;
+    None of a rod whose tendons all pull along t_c itself, so that it may vanish."""
+    if not any(tendon.unit for tendon in rod.tendons):
+        return None
+    place, load = place_at(rod, s, active), section_load(state)
+    lost = [is_tendon_lost(rod.law, place, load, section, pull) for pull in place.pulls if pull.unit]
+    return jnp.where(ft.reduce(jnp.logical_or, lost), s, jnp.inf).min(axis=0)
 
 
 def arc_lengths(places: Float[Array, "points ..."], length: Any, batch: int) -> Array:
@@ -131,13 +146,14 @@ def field_values(rod: Rod, base: Any, s: Any, state: Any, section: Any) -> list[
 
 
 def outcome_of(
-    rod: Rod, followed: Array, s: Array, margin: Array, defect: Array, residual: Array, error: Array, asked: Any,
-    jacobian: Array,
+    rod: Rod, followed: Array, s: Array, margin: Array, defect: Array, lost_at: Array | None, residual: Array,
+    error: Array, asked: Any, jacobian: Array,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """The outcome's code, where the arm failed [m], and the condition number.
 
     From the outcome of following the branch, and at points `s` along the last integration the margin and the defect of
-    the volume constraint, the residual, the estimated error and the one asked for, the Jacobian of the clamp.
+    the volume constraint, `lost_tendon`, the residual, the estimated error and the one asked for, the
+    Jacobian of the clamp.
     """
     condition, inverse = linear_systems.condition_number(jacobian)
     kept = jnp.max(defect, axis=0) <= _DEFECT
@@ -150,9 +166,18 @@ def outcome_of(
     outcome = jnp.where(inverse > _SINGULAR, code_of(Outcome.limit_point), outcome)
     outcome = jnp.where(is_folded, folded, outcome)
     outcome = jnp.where(jnp.isfinite(residual), outcome, failed)
-    keeps = (followed == code_of(Outcome.bad_input)) | (followed == code_of(Outcome.muscles_redundant))
+    kinds = (Outcome.bad_input, Outcome.muscles_redundant, Outcome.iterations_exhausted)
+    keeps = ft.reduce(jnp.logical_or, [followed == code_of(kind) for kind in kinds])
     lost = jnp.where((is_folded | ~kept) & ~keeps, folded, followed)
     outcome = jnp.where(followed == 0, outcome, lost)
     worst = jnp.argmin(jnp.where(defect <= _DEFECT, margin, -defect), axis=0)
     place = jnp.take_along_axis(jnp.broadcast_to(s, margin.shape), worst[None], axis=0)[0]
-    return outcome, jnp.where((outcome == folded) | (outcome == failed), place, jnp.nan), condition
+    place = jnp.where((outcome == folded) | (outcome == failed), place, jnp.nan)
+    no_length = code_of(Outcome.tendon_length_zero)
+    if lost_at is not None:
+        is_lost = (lost_at < jnp.inf) & ~keeps
+        outcome, place = jnp.where(is_lost, no_length, outcome), jnp.where(is_lost, lost_at, place)
+    if rod.displaced:
+        whole = ft.reduce(jnp.logical_or, [is_wound_in_whole(rod.tendons[i], rod.length) for i in rod.displaced])
+        outcome = jnp.where(whole & ~keeps & (outcome != 0), no_length, outcome)
+    return outcome, place, condition

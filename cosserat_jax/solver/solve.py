@@ -2,6 +2,7 @@
 
 import functools as ft
 import itertools
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -21,8 +22,14 @@ from .outcome import Outcome, code_of, from_codes
 from .outputs import FIELDS, TIP, Report, Structure
 from .solution import Fields, Pose, SectionStrains, Solution
 
+LOG = logging.getLogger("cosserat_jax")
 _FINAL = (code_of(Outcome.converged), code_of(Outcome.bad_input), code_of(Outcome.muscles_redundant))
-_ENDS = (code_of(Outcome.limit_point), code_of(Outcome.volume_constraint_folded))  # of a branch
+_ENDS = (  # of a branch, and of what is worth trying
+    code_of(Outcome.limit_point),
+    code_of(Outcome.volume_constraint_folded),
+    code_of(Outcome.tendon_length_zero),
+    code_of(Outcome.iterations_exhausted),
+)
 
 
 class SolveError(RuntimeError):
@@ -66,6 +73,7 @@ def solve(
     for before, harder in itertools.pairwise(methods):
         if not is_lost(solution, before):
             break
+        LOG.info("trying %s ...", harder)
         solution = solve_once(scene, harder, places)
     if throw and int(lax.stop_gradient(solution.outcome._value)) != 0:
         raise SolveError(solution.message)
@@ -89,7 +97,7 @@ def places_of(points: int | tuple[float, ...]) -> Float[np.ndarray, " points"]:
 
 def is_lost(solution: Solution, method: SingleShooting | MultipleShooting) -> Any:
     """Which rods the method did not solve that a harder one might. Multiple shooting is believed where it finds that
-    the branch ends."""
+    the branch ends, and not tried again where it has used up its iterations."""
     codes = lax.stop_gradient(solution.outcome._value)
     return ~np.isin(np.asarray(codes), _FINAL + _ENDS * isinstance(method, MultipleShooting))
 

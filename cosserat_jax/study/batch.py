@@ -10,7 +10,7 @@ from ..scene import Scene
 from ..scene.quantity import is_traced
 from ..solver import Method, Solution
 from ..solver.method import MultipleShooting, SingleShooting, methods_of
-from ..solver.solve import empty_solution, is_lost, solve_batch
+from ..solver.solve import LOG, empty_solution, is_lost, solve_batch
 from .checkpoint import Checkpoint
 
 _STRUCTURE = jax.tree.structure(empty_solution())
@@ -43,6 +43,8 @@ def solve_rods(
     for i, each in enumerate(methods):
         together = 1 if isinstance(each, MultipleShooting) else min(size if i == 0 else _TRIED_AGAIN, size, count)
         batches = _batches(rows, together)
+        if i > 0:
+            LOG.info("trying %s for %d of %d rods ...", each, rows.size, count)
         parts = []
         for batch in shown(batches) if i == 0 else batches:
             taken = [leaf[batch] if leaf.ndim else leaf for leaf in leaves]
