@@ -78,7 +78,7 @@ def test_a_tendon_shortened_to_nothing_has_an_outcome_of_its_own(part: float):
     scene = dataclasses.replace(load_scene("tendon-robot"), gravity=None)
     stiffness, length, offset = scene.arm.stiffness, scene.arm.length, scene.muscles[0].base_offset
     tension = 1 / (1 / stiffness.axial + offset**2 / stiffness.bending)
-    for path, most in (("muscles.0.tension", tension), ("muscles.0.contraction", length)):
+    for path, most in (("muscles.0.tension", tension), ("muscles.0.displacement", length)):
         solution = solve(replace(scene, {path: part * most}), METHOD, points=3, throw=False)
         expected = Outcome.converged if part < 1 else Outcome.tendon_length_zero
         assert Outcome[solution.outcome] == Outcome[expected]
